@@ -1,0 +1,48 @@
+# `make train` and `make test` work on a fresh machine: they make .venv first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# Processes for CPU training: Warp's CPU device is single-threaded, so one per core, up to two.
+WORKERS ?= $(shell nproc 2>/dev/null | awk '{print ($$1 > 2) ? 2 : $$1}')
+HAS_GPU := $(shell nvidia-smi -L 2>/dev/null | head -1)
+TRAIN_MINUTES ?= 5
+
+.PHONY: setup train test lint format type bench clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "Installing into $(VENV) (once; a few minutes)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+train: setup
+ifeq ($(HAS_GPU),)
+	OMP_NUM_THREADS=1 $(BIN)/torchrun --nproc-per-node=$(WORKERS) -m spin_rl.cli.train \
+		max_minutes=$(TRAIN_MINUTES) evaluate=25 $(ARGS)
+else
+	$(BIN)/spin-train max_minutes=$(TRAIN_MINUTES) evaluate=100 $(ARGS)
+endif
+
+test: setup
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+type: setup
+	$(BIN)/pyright
+
+bench: setup
+	$(BIN)/spin-bench what=all $(ARGS)
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache

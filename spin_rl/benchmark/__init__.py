@@ -1,0 +1,1 @@
+"""The paper's benchmarks: episodes, metrics and reports beside its tables."""

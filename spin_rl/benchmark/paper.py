@@ -1,0 +1,36 @@
+"""Figures of the SPIN paper's Table 1 (Uppal et al., CVPR 2024) for the reach benchmark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SCENARIOS = (1, 2)
+DIFFICULTIES = ("easy", "medium", "hard")
+
+
+@dataclass(frozen=True)
+class PaperCell:
+    """One cell of Table 1: 10 environments, 3 seeds.
+
+    Attributes:
+        success_rate: Share of successful episodes.
+        duration_s: "Average Episode Duration" [s]; the paper does not say whether failures count.
+    """
+
+    success_rate: float
+    duration_s: float
+
+
+def _row(success: tuple[float, ...], duration: tuple[float, ...]) -> dict[tuple[int, str], PaperCell]:
+    cells = [(scenario, difficulty) for scenario in SCENARIOS for difficulty in DIFFICULTIES]
+    return {cell: PaperCell(s, t) for cell, s, t in zip(cells, success, duration, strict=True)}
+
+
+REACH: dict[str, dict[tuple[int, str], PaperCell]] = {
+    "FixCam": _row((1.00, 0.53, 0.20, 1.00, 0.50, 0.26), (6.86, 23.48, 38.94, 6.54, 27.24, 42.36)),
+    "NoPointNet": _row((1.00, 0.87, 0.57, 1.00, 0.77, 0.63), (6.30, 14.87, 33.25, 7.22, 15.04, 34.09)),
+    "Mapping": _row((1.00, 1.00, 1.00, 0.86, 1.00, 0.97), (6.20, 14.02, 26.24, 6.55, 12.28, 28.05)),
+    "SPIN (DVO)": _row((1.00, 1.00, 0.96, 1.00, 1.00, 0.90), (5.92, 16.25, 28.44, 7.32, 17.12, 32.04)),
+    "SPIN (CVO)": _row((1.00, 0.97, 0.93, 1.00, 1.00, 0.93), (6.24, 14.00, 23.57, 6.55, 15.81, 29.31)),
+}
+"""Method -> (scenario, difficulty) -> figures."""

@@ -1,0 +1,42 @@
+"""The configuration of an evaluation: conf/eval.yaml, with the body and inputs that the policy knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from spin_rl.paths import CONF_DIR
+
+
+def compose(overrides: Sequence[str] = ()) -> DictConfig:
+    """Compose conf/eval.yaml, also inside another command's run."""
+    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        return hydra.compose("eval", list(overrides))
+
+
+def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: Sequence[str]) -> DictConfig:
+    """Take over what a policy was trained with, except for what the user asked for.
+
+    Args:
+        cfg: Composed conf/eval.yaml.
+        trained: Configuration of the policy's training, nested; None or empty changes nothing.
+        overridden: Overrides of the command line, such as `robot=re1` or `task.camera_mount=landscape`.
+
+    Returns:
+        A new configuration.
+    """
+    result = cfg.copy()
+    asked = {override.lstrip("+~").partition("=")[0] for override in overridden}
+    source = OmegaConf.create(dict(trained or {}))
+    # What defines a policy's body and inputs; everything else is the benchmark's.
+    keys = ["robot.profile", "task.camera_mount"]
+    keys += [f"task.scandots.{name}" for name in OmegaConf.select(source, "task.scandots") or ()]
+    for key in keys:
+        value = OmegaConf.select(source, key)
+        by_user = ({key, key.rpartition(".")[0]} - {"task"}) & asked
+        if value is not None and not by_user:
+            OmegaConf.update(result, key, value, force_add=True)
+    return result

@@ -1,0 +1,112 @@
+"""What every command shares: composing the configuration, one-line errors, devices, announced compilation."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import hydra
+import torch
+import warp as wp
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from spin_rl.config import ConfigError
+from spin_rl.paths import CONF_DIR
+
+# What a user can cause; anything else is a defect and keeps its traceback.
+USER_ERRORS = (ConfigError, ValueError, FileNotFoundError, FileExistsError, PermissionError)
+
+
+def run(name: str, body: Callable[[DictConfig], None]) -> None:
+    """Run a command under Hydra: `body` gets the composed configuration.
+
+    Exits with status 2 and one line on standard error when the configuration or input is bad.
+
+    Args:
+        name: Configuration file in conf/, also the command's name after `spin-`.
+        body: The command.
+    """
+
+    def guarded(cfg: DictConfig) -> None:
+        try:
+            body(cfg)
+        except USER_ERRORS as error:
+            _fail(name, error)
+
+    overrides = [arg for arg in sys.argv[1:] if not arg.startswith("-")]
+    if "-m" not in sys.argv and "--multirun" not in sys.argv:
+        try:  # Hydra's own messages take many lines; composing first gives us the reason
+            with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+                OmegaConf.to_container(hydra.compose(name, overrides), resolve=True)
+        except (HydraException, OmegaConfBaseException) as error:
+            _fail(name, error)
+    hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(guarded)()
+
+
+def _fail(name: str, error: Exception) -> None:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    # Hydra's advice on its own internals helps no one here.
+    reason = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
+    print(f"spin-{name}: error: {reason}", file=sys.stderr)
+    sys.exit(2)
+
+
+def resolve_device(device: str) -> str:
+    """Turn `auto` into this process's device; check that a named one exists.
+
+    Under torchrun, `auto` and `cuda` are the GPU of the local rank.
+
+    Raises:
+        ConfigError: The device does not exist here.
+    """
+    rank = int(os.environ.get("LOCAL_RANK", "0"))
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    if device == "cpu":
+        return device
+    if device == "cuda":
+        device = f"cuda:{rank}"
+    try:
+        index = torch.device(device).index or 0
+    except RuntimeError:
+        raise ConfigError(f"device: unknown device {device!r}; use auto, cpu or cuda:0") from None
+    if not torch.cuda.is_available() or index >= torch.cuda.device_count():
+        raise ConfigError(f"device: {device} is not available here; {torch.cuda.device_count()} GPUs found")
+    return f"cuda:{index}"
+
+
+def is_main_process() -> bool:
+    """Whether this process is the one that prints and writes, under torchrun or alone."""
+    return os.environ.get("RANK", "0") == "0"
+
+
+@contextlib.contextmanager
+def announced(what: str) -> Iterator[None]:
+    """Announce work that may compile kernels, and show that it goes on while it does."""
+    wp.config.quiet = True
+    wp.config.log_level = max(getattr(wp.config, "log_level", 0), 30)
+    if not is_main_process():
+        yield
+        return
+    start = time.monotonic()
+    finished = threading.Event()
+    print(f"{what} (kernels are compiled once per machine: 1-2 minutes the first time)", flush=True)
+
+    def report() -> None:
+        while not finished.wait(10.0):
+            print(f"  still compiling, {time.monotonic() - start:.0f} s", flush=True)
+
+    thread = threading.Thread(target=report, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        finished.set()
+        thread.join()
+    print(f"  ready after {time.monotonic() - start:.0f} s", flush=True)

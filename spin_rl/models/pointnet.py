@@ -1,0 +1,74 @@
+"""Encoders that compress scandot tokens into one latent vector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from rsl_rl.utils import resolve_nn_activation
+from torch import nn
+
+NUM_FLAGS = 8
+"""Validity flags at the end of a token, one for each corner of the bounding box."""
+
+
+def token_mlp(input_dim: int, hidden: Sequence[int], output_dim: int, activation: str) -> nn.Sequential:
+    """Build linear layers with an activation between them; `hidden` may be empty."""
+    layers: list[nn.Module] = []
+    for width in hidden:
+        layers += [nn.Linear(input_dim, width), resolve_nn_activation(activation)]
+        input_dim = width
+    return nn.Sequential(*layers, nn.Linear(input_dim, output_dim))
+
+
+class PointNet(nn.Module):
+    """Permutation-invariant latent of a set of tokens: one MLP for all, then the maximum over the valid ones.
+
+    Source: SPIN section 2.1 (z = P(s)) and supplement, implementation details (latent of size 16).
+    """
+
+    def __init__(
+        self, token_dim: int = 32, hidden: Sequence[int] = (64, 64), latent: int = 16, activation: str = "relu"
+    ) -> None:
+        super().__init__()
+        self.latent = latent
+        self.mlp = token_mlp(token_dim, hidden, latent, activation)
+
+    def forward(self, tokens: torch.Tensor) -> torch.Tensor:
+        """Encode tokens of shape (..., num_tokens, token_dim) as (..., latent); zeros where no token is valid.
+
+        A token is valid if any of its flags, its last eight numbers, is set.
+        """
+        valid = tokens[..., -NUM_FLAGS:].amax(dim=-1) > 0
+        if tokens.is_cuda:  # choosing the valid ones would need their number on the host
+            per_token = self.mlp(tokens).masked_fill(~valid.unsqueeze(-1), -torch.inf)
+        else:
+            # Most tokens are masked: cost follows the number of valid ones.
+            index = valid.flatten().nonzero().squeeze(1)
+            chosen = self.mlp(tokens.flatten(0, -2).index_select(0, index))
+            per_token = chosen.new_full((valid.numel(), self.latent), -torch.inf).index_copy(0, index, chosen)
+            per_token = per_token.view(*valid.shape, self.latent)
+        return torch.where(valid.any(dim=-1, keepdim=True), per_token.max(dim=-2).values, 0.0)
+
+
+class NoPointNet(nn.Module):
+    """Latent of the concatenated tokens, an ablation of the paper: it depends on the order of the obstacles.
+
+    Source: SPIN section 3, baseline NoPointNet.
+    """
+
+    def __init__(
+        self,
+        num_tokens: int,
+        token_dim: int = 32,
+        hidden: Sequence[int] = (64, 64),
+        latent: int = 16,
+        activation: str = "relu",
+    ) -> None:
+        super().__init__()
+        self.latent = latent
+        self.mlp = token_mlp(num_tokens * token_dim, hidden, latent, activation)
+
+    def forward(self, tokens: torch.Tensor) -> torch.Tensor:
+        """Encode tokens of shape (..., num_tokens, token_dim) as (..., latent)."""
+        return self.mlp(tokens.flatten(-2))

@@ -1,0 +1,230 @@
+"""Actor and critic models that read proprioception, goal and scandots; subclasses of rsl_rl's model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from rsl_rl.models import MLPModel
+from rsl_rl.utils import unpad_trajectories
+from tensordict import TensorDict
+from torch import nn
+
+from spin_rl.models.lstm import LSTMState, ResettableLSTM
+from spin_rl.models.pointnet import NoPointNet, PointNet, token_mlp
+
+TOKEN_DIM = 32
+"""Numbers in a scandot token: eight corners x, y, z [m] in the base frame, then eight validity flags."""
+
+
+class ScandotModel(MLPModel):
+    """Feed-forward model: flat groups, normalized, with a latent for each scandot group, then an MLP.
+
+    Scandot groups are those whose name starts with "scandots". They are in metres with zeros for what is not seen,
+    so only the other groups are normalized.
+    """
+
+    def __init__(
+        self,
+        obs: TensorDict,
+        obs_groups: dict[str, list[str]],
+        obs_set: str,
+        output_dim: int,
+        hidden_dims: Sequence[int] = (256, 128),
+        activation: str = "elu",
+        obs_normalization: bool = True,
+        distribution_cfg: dict | None = None,
+        encoder: str = "pointnet",
+        encoder_hidden: Sequence[int] = (64, 64),
+        scandot_latent: int = 16,
+    ) -> None:
+        """Build the model.
+
+        Args:
+            obs: Observations, each group of shape (num_envs, dim).
+            obs_groups: Names of the groups for each observation set.
+            obs_set: The set that this model reads, "actor" or "critic".
+            output_dim: Number of outputs.
+            hidden_dims: Hidden layers between the input (or the LSTM) and the output; may be empty.
+            activation: Activation of these layers, a name known to rsl_rl.
+            obs_normalization: Normalize the flat groups by running statistics.
+            distribution_cfg: Output distribution of rsl_rl; None for a plain output.
+            encoder: "pointnet", or "concat" for the paper's NoPointNet ablation.
+            encoder_hidden: Hidden layers of the scandot encoder.
+            scandot_latent: Size of the latent of each scandot group.
+
+        Raises:
+            ValueError: A group has no flat shape, or a setting has no meaning.
+        """
+        if encoder not in ("pointnet", "concat"):
+            raise ValueError(f"{obs_set}.encoder must be 'pointnet' or 'concat', not '{encoder}'.")
+        groups = obs_groups[obs_set]
+        self.num_latents = scandot_latent * sum(map(_is_scandots, groups))
+        # rsl_rl's MLP needs a hidden layer; an output straight from the latent replaces it below.
+        super().__init__(
+            obs,
+            obs_groups,
+            obs_set,
+            output_dim,
+            list(hidden_dims) or [1],
+            activation,
+            obs_normalization,
+            distribution_cfg,
+        )
+        if not hidden_dims:
+            self.mlp = token_mlp(self._get_latent_dim(), (), self.mlp[-1].out_features, activation)  # type: ignore
+        encoders: dict[str, nn.Module] = {}
+        for group in filter(_is_scandots, groups):
+            num_tokens, rest = divmod(obs[group].shape[-1], TOKEN_DIM)
+            if rest:
+                raise ValueError(f"Observation group '{group}' is not a whole number of {TOKEN_DIM}-float tokens.")
+            if encoder == "pointnet":
+                encoders[group] = PointNet(TOKEN_DIM, encoder_hidden, scandot_latent)
+            else:
+                encoders[group] = NoPointNet(num_tokens, TOKEN_DIM, encoder_hidden, scandot_latent)
+        self.encoders = nn.ModuleDict(encoders)
+
+    def forward(
+        self,
+        obs: TensorDict,
+        masks: torch.Tensor | None = None,
+        hidden_state: LSTMState | None = None,
+        stochastic_output: bool = False,
+        resets: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Compute the output, and the distribution if `stochastic_output`.
+
+        Args:
+            obs: One step with groups of shape (num_envs, dim), or sequences of shape (num_steps, num_envs, dim).
+            masks: rsl_rl's mask of padded episodes, shape (num_steps, num_episodes); excludes `resets`.
+            hidden_state: State before the first step of sequences.
+            stochastic_output: Sample from the distribution.
+            resets: True where an episode starts in a sequence, shape (num_steps, num_envs).
+
+        Returns:
+            Outputs of shape (..., output_dim) or, of padded episodes, as if they had not been cut.
+        """
+        if masks is not None and not self.is_recurrent:
+            obs = unpad_trajectories(obs, masks)  # type: ignore
+        output = self.mlp(self._latent(self.encode(obs), masks, hidden_state, resets))
+        if self.distribution is None:
+            return output
+        if stochastic_output:
+            self.distribution.update(output)
+            return self.distribution.sample()
+        return self.distribution.deterministic_output(output)
+
+    def encode(self, obs: TensorDict) -> torch.Tensor:
+        """Concatenate the normalized flat groups and the scandot latents."""
+        flat = torch.cat([obs[group] for group in self.obs_groups], dim=-1)
+        latents = [
+            encoder(obs[group].unflatten(-1, (-1, TOKEN_DIM))) for group, encoder in self.encoders.items()
+        ]
+        return torch.cat([self.obs_normalizer(flat), *latents], dim=-1)
+
+    def as_jit(self) -> nn.Module:
+        """Not supported: rsl_rl's exporters know neither scandot tokens nor the partial normalization."""
+        raise NotImplementedError("Scandot models have no TorchScript export.")
+
+    def as_onnx(self, verbose: bool = False) -> nn.Module:
+        """Not supported: rsl_rl's exporters know neither scandot tokens nor the partial normalization."""
+        raise NotImplementedError("Scandot models have no export by rsl_rl.")
+
+    def _latent(
+        self,
+        x: torch.Tensor,
+        masks: torch.Tensor | None,
+        hidden_state: LSTMState | None,
+        resets: torch.Tensor | None,
+    ) -> torch.Tensor:
+        return x
+
+    def _get_obs_dim(self, obs: TensorDict, obs_groups: dict[str, list[str]], obs_set: str) -> tuple[list[str], int]:
+        """Keep rsl_rl's fields, observation groups and their dimension, for the flat groups."""
+        flat = [group for group in obs_groups[obs_set] if not _is_scandots(group)]
+        if not flat:
+            raise ValueError(f"Observation set '{obs_set}' needs a group beside the scandots.")
+        return super()._get_obs_dim(obs, {obs_set: flat}, obs_set)
+
+    def _get_latent_dim(self) -> int:
+        return self.obs_dim + self.num_latents
+
+
+class ScandotRecurrentModel(ScandotModel):
+    """Recurrent model: an LSTM between the encoded observations and the MLP.
+
+    Source: SPIN supplement, network architecture (LSTM with 256 units over proprioception, goal and latent).
+    """
+
+    is_recurrent: bool = True
+
+    def __init__(
+        self,
+        obs: TensorDict,
+        obs_groups: dict[str, list[str]],
+        obs_set: str,
+        output_dim: int,
+        hidden_dims: Sequence[int] = (),
+        activation: str = "elu",
+        obs_normalization: bool = True,
+        distribution_cfg: dict | None = None,
+        encoder: str = "pointnet",
+        encoder_hidden: Sequence[int] = (64, 64),
+        scandot_latent: int = 16,
+        rnn_hidden_dim: int = 256,
+    ) -> None:
+        """Build the model; see `ScandotModel`, with `rnn_hidden_dim` units in the LSTM."""
+        self.rnn_hidden_dim = rnn_hidden_dim
+        super().__init__(
+            obs,
+            obs_groups,
+            obs_set,
+            output_dim,
+            hidden_dims,
+            activation,
+            obs_normalization,
+            distribution_cfg,
+            encoder,
+            encoder_hidden,
+            scandot_latent,
+        )
+        self.lstm = ResettableLSTM(self.obs_dim + self.num_latents, rnn_hidden_dim)
+
+    def reset(self, dones: torch.Tensor | None = None, hidden_state: LSTMState | None = None) -> None:
+        """Clear the state of the environments that are done, or of all; or replace it by `hidden_state`."""
+        self.lstm.reset(dones)
+        if hidden_state is not None:
+            self.lstm.state = hidden_state
+
+    def get_hidden_state(self) -> LSTMState | None:  # type: ignore
+        """Return the LSTM's state, None before the first step."""
+        return self.lstm.state
+
+    def detach_hidden_state(self, dones: torch.Tensor | None = None) -> None:
+        """Cut the gradient through the state."""
+        if self.lstm.state is not None:
+            self.lstm.state = (self.lstm.state[0].detach(), self.lstm.state[1].detach())
+
+    def _latent(
+        self,
+        x: torch.Tensor,
+        masks: torch.Tensor | None,
+        hidden_state: LSTMState | None,
+        resets: torch.Tensor | None,
+    ) -> torch.Tensor:
+        if x.dim() == 2:
+            return self.lstm.step(x)
+        if hidden_state is None:
+            raise ValueError("Sequences need the hidden state before their first step.")
+        if masks is not None:
+            return unpad_trajectories(self.lstm.rnn(x, hidden_state)[0], masks)  # type: ignore
+        if resets is None:
+            raise ValueError("Sequences need the steps at which an episode starts.")
+        return self.lstm.sequence(x, hidden_state, resets)
+
+    def _get_latent_dim(self) -> int:
+        return self.rnn_hidden_dim
+
+
+def _is_scandots(group: str) -> bool:
+    return group.startswith("scandots")

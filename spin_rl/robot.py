@@ -1,0 +1,182 @@
+"""The Stretch RE1 in numbers: joints, actions, limits, speeds, servo constants, stowed pose, camera.
+
+The one typed home of what the rest of the package needs to know about the robot; its shape and masses are
+in ``robots/stretch_re1/stretch_re1.xml``. Sources: ``robots/stretch_re1/README.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from spin_rl.paths import ROBOT_XML
+
+JOINTS = (
+    "lift",
+    "arm_extension",
+    "wrist_yaw",
+    "wrist_pitch",
+    "wrist_roll",
+    "gripper_finger",
+    "head_pan",
+    "head_tilt",
+)
+"""The 8 joints that a policy commands; lift and arm_extension in metres, the rest in radians."""
+
+ACTIONS = ("base_forward", "base_turn", *JOINTS)
+"""The 10 actions, each in [-1, 1] (paper, section IV: 10 actuated degrees of freedom)."""
+
+DOF_NAMES = (
+    "base_x",
+    "base_y",
+    "base_yaw",
+    "lift",
+    "arm_outer",
+    "arm_inner",
+    "wrist_yaw",
+    "wrist_pitch",
+    "wrist_roll",
+    "finger_left",
+    "finger_right",
+    "head_pan",
+    "head_tilt",
+)
+"""Joints of the MJCF in qpos, qvel and ctrl order."""
+
+PARTS = ("base", "mast", "head", "arm", "wrist", "gripper")
+"""Collision geoms are named ``<part>`` or ``<part>_<i>``."""
+
+# (joint of JOINTS, share of it) for every entry of DOF_NAMES after the base: the telescope's two slides
+# take half of the extension each, both fingers take the whole finger angle.
+DOF_SOURCE: tuple[tuple[str, float], ...] = (
+    ("lift", 1.0),
+    ("arm_extension", 0.5),
+    ("arm_extension", 0.5),
+    ("wrist_yaw", 1.0),
+    ("wrist_pitch", 1.0),
+    ("wrist_roll", 1.0),
+    ("gripper_finger", 1.0),
+    ("gripper_finger", 1.0),
+    ("head_pan", 1.0),
+    ("head_tilt", 1.0),
+)
+
+JOINT_LOWER = (0.0, 0.0, -1.75, -1.57, -3.14, -0.6, -3.9, -1.53)
+JOINT_UPPER = (1.1, 0.52, 4.0, 0.56, 3.14, 0.6, 1.5, 0.79)
+"""Joint limits in JOINTS order [m, rad]."""
+
+WHEEL_SEPARATION_M = 0.3407
+
+STOWED: Mapping[str, float] = MappingProxyType(
+    {
+        "lift": 0.35,
+        "arm_extension": 0.0,
+        "wrist_yaw": 3.05,
+        "wrist_pitch": -0.6,
+        "wrist_roll": 0.0,
+        "gripper_finger": 0.0,
+        "head_pan": 0.0,
+        "head_tilt": -0.6,
+    }
+)
+
+CAMERA_FOV_DEG = (87.0, 58.0)
+"""Depth field of view of the Intel D435i along the sensor's long and short side."""
+
+CameraMount = Literal["portrait", "landscape"]
+
+
+@dataclass(frozen=True)
+class SpeedProfile:
+    """How fast the robot may move.
+
+    Attributes:
+        forward_max: Largest forward speed of the base [m/s].
+        reverse_max: Largest backward speed of the base, a positive number [m/s].
+        turn_max: Largest turning speed either way [rad/s].
+        base_acceleration: Largest change of the base's speed [m/s^2].
+        joint_velocity_max: Largest joint speeds in JOINTS order, shape (8,) [m/s, rad/s].
+        joint_time_constant: First-order time constant of every joint servo [s].
+        base_time_constant: First-order time constant of the base's two speeds [s].
+    """
+
+    forward_max: float
+    reverse_max: float
+    turn_max: float
+    base_acceleration: float
+    joint_velocity_max: tuple[float, ...]
+    joint_time_constant: float = 0.1
+    base_time_constant: float = 0.15
+
+    @property
+    def turn_acceleration(self) -> float:
+        """Turning acceleration when the wheels reach ``base_acceleration`` oppositely [rad/s^2]."""
+        return 2.0 * self.base_acceleration / WHEEL_SEPARATION_M
+
+
+SPEED_PROFILES: Mapping[str, SpeedProfile] = MappingProxyType(
+    {
+        # Speeds that the paper's episode durations ask for; faster than the stock robot.
+        "paper": SpeedProfile(0.8, 0.1, 1.5, 2.0, (0.4, 0.5, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
+        # The stock robot.
+        "re1": SpeedProfile(0.3, 0.1, 1.0, 0.4, (0.15, 0.3, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
+    }
+)
+
+
+def qpos_from_joints(model: mujoco.MjModel, joints: Mapping[str, float]) -> np.ndarray:
+    """Return the ``qpos`` of a joint pose, the base at the origin.
+
+    Args:
+        model: A model that contains the robot; its other joints stay at ``model.qpos0``.
+        joints: A value for every name in JOINTS [m, rad], within the limits.
+
+    Returns:
+        Array of shape (model.nq,).
+
+    Raises:
+        ValueError: A key is unknown or missing, or a value is not finite or outside its limits.
+    """
+    unknown = sorted(set(joints) - set(JOINTS))
+    if unknown:
+        raise ValueError(f"unknown joint {unknown[0]!r}; the joints are {', '.join(JOINTS)}")
+    for name, lower, upper in zip(JOINTS, JOINT_LOWER, JOINT_UPPER, strict=True):
+        if name not in joints:
+            raise ValueError(f"joint {name!r} is missing")
+        if not lower <= joints[name] <= upper:  # also catches NaN
+            raise ValueError(f"joint {name!r} is {joints[name]}, outside [{lower}, {upper}]")
+    qpos = model.qpos0.copy()
+    for dof in DOF_NAMES[:3]:
+        qpos[model.joint(dof).qposadr[0]] = 0.0
+    for dof, (joint, share) in zip(DOF_NAMES[3:], DOF_SOURCE, strict=True):
+        qpos[model.joint(dof).qposadr[0]] = share * joints[joint]
+    return qpos
+
+
+def camera_tan_half_fov(mount: CameraMount) -> tuple[float, float]:
+    """Return the tangents of half the depth camera's field of view along its optical x and y axes.
+
+    Args:
+        mount: ``portrait``, as on the robot (87 degrees along the optical x axis, which points down in the
+            world), or ``landscape`` (58 degrees there, 87 across: the paper's text).
+
+    Raises:
+        ValueError: The mount is neither.
+    """
+    long_side, short_side = (math.tan(math.radians(fov) / 2) for fov in CAMERA_FOV_DEG)
+    if mount == "portrait":
+        return long_side, short_side
+    if mount == "landscape":
+        return short_side, long_side
+    raise ValueError(f"camera mount {mount!r} is neither 'portrait' nor 'landscape'")
+
+
+def load_spec() -> mujoco.MjSpec:
+    """Return a fresh, editable specification of the robot alone (no floor, no scene)."""
+    return mujoco.MjSpec.from_file(str(ROBOT_XML))

@@ -1,0 +1,105 @@
+"""Checks of a runner's configuration before anything is built."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from rsl_rl.utils import resolve_callable
+from tensordict import TensorDict
+
+from spin_rl.models import ScandotModel
+from spin_rl.runners.algorithm import PPO, SCHEDULES
+
+KEYS = {"class_name", "seed", "num_steps_per_env", "save_interval", "save_minutes", "obs_groups", "actor", "critic", "algorithm"}
+OPTIONAL_KEYS = {"class_name", "seed", "save_minutes"}
+_POSITIVE_INTEGERS = ("num_learning_epochs", "num_mini_batches")
+_POSITIVE_NUMBERS = ("clip_param", "learning_rate", "min_learning_rate", "max_learning_rate", "max_grad_norm", "desired_kl")
+_FRACTIONS = ("gamma", "lam")
+
+
+def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None:
+    """Check a runner's configuration against the classes that it names and against the environment.
+
+    Args:
+        cfg: Configuration of `PPORunner`.
+        obs: Observations of the environment.
+        num_envs: Number of environments.
+
+    Raises:
+        ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
+    """
+    _check_keys(cfg, KEYS, KEYS - OPTIONAL_KEYS, "runner")
+    for key in ("num_steps_per_env", "save_interval"):
+        _require(_is_positive_integer(cfg[key]), f"runner.{key}", "a positive integer", cfg[key])
+    minutes = cfg.get("save_minutes")
+    _require(minutes is None or _is_positive(minutes), "runner.save_minutes", "a positive number or none", minutes)
+    _require(isinstance(cfg.get("seed", 0), int), "runner.seed", "an integer", cfg.get("seed"))
+    _check_groups(cfg["obs_groups"], obs)
+    for name in ("actor", "critic"):
+        _check_class(cfg[name], ScandotModel, name, given=("obs", "obs_groups", "obs_set", "output_dim"))
+    distribution = cfg["actor"].get("distribution_cfg")
+    _require(distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution)
+    _check_class(distribution, object, "actor.distribution_cfg", given=("output_dim",))
+    _require(not cfg["critic"].get("distribution_cfg"), "critic.distribution_cfg", "none", "one")
+    _check_algorithm(cfg["algorithm"], num_envs)
+
+
+def _check_algorithm(cfg: Mapping[str, Any], num_envs: int) -> None:
+    _check_class(cfg, PPO, "algorithm", given=("actor", "critic", "storage", "device", "multi_gpu_cfg"))
+    for key in _POSITIVE_INTEGERS:
+        _require(_is_positive_integer(cfg.get(key, 1)), f"algorithm.{key}", "a positive integer", cfg.get(key))
+    for key in _POSITIVE_NUMBERS:
+        _require(_is_positive(cfg.get(key, 1.0)), f"algorithm.{key}", "a positive number", cfg.get(key))
+    for key in _FRACTIONS:
+        value = cfg.get(key, 1.0)
+        _require(_is_positive(value) and value <= 1.0, f"algorithm.{key}", "above 0 and at most 1", value)
+    schedule = cfg.get("schedule", "adaptive")
+    _require(schedule in SCHEDULES, "algorithm.schedule", f"one of {', '.join(SCHEDULES)}", schedule)
+    batches = cfg.get("num_mini_batches", 4)
+    _require(batches <= num_envs, "algorithm.num_mini_batches", f"at most the {num_envs} environments", batches)
+
+
+def _check_groups(groups: Mapping[str, Any], obs: TensorDict) -> None:
+    _check_keys(groups, {"actor", "critic"}, {"actor", "critic"}, "obs_groups")
+    for name, members in groups.items():
+        _require(bool(members), f"obs_groups.{name}", "a list of observation groups", members)
+        for group in members:
+            _require(group in obs, f"obs_groups.{name}", f"of {', '.join(map(str, obs.keys()))}", group)
+
+
+def _check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str, ...]) -> None:
+    """Check that a section names a class of some kind and only arguments of its constructor."""
+    _require("class_name" in cfg, f"{where}.class_name", "given", None)
+    try:
+        named = resolve_callable(cfg["class_name"])
+    except (AttributeError, ImportError, ValueError) as error:
+        raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.") from error
+    is_fit = inspect.isclass(named) and issubclass(named, base)
+    _require(is_fit, f"{where}.class_name", f"a {base.__module__}.{base.__name__}", cfg["class_name"])
+    known = set(inspect.signature(named).parameters) - set(given)  # type: ignore
+    _check_keys(cfg, known | {"class_name"}, set(), where)
+
+
+def _check_keys(cfg: Mapping[str, Any], known: set[str], required: set[str], where: str) -> None:
+    for key in cfg:
+        if key not in known:
+            raise ValueError(f"{where}.{key} is not a setting; known are {', '.join(sorted(known))}.")
+    for key in sorted(required):
+        if key not in cfg:
+            raise ValueError(f"{where}.{key} is missing.")
+
+
+def _require(fine: bool, key: str, wanted: str, value: Any) -> None:
+    if not fine:
+        raise ValueError(f"{key} must be {wanted}, not {value!r}.")
+
+
+def _is_positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
+
+
+def _is_positive_integer(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0

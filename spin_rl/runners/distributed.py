@@ -1,0 +1,101 @@
+"""Data-parallel training under torchrun, on CPUs (gloo) and on GPUs (nccl)."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import torch
+from torch import distributed
+
+
+class Processes:
+    """The processes of a run: their ranks, and the few numbers that they agree on outside of the gradients."""
+
+    def __init__(self, device: str) -> None:
+        """Join the group that torchrun describes in the environment; a lone process needs none.
+
+        Args:
+            device: Device of this process; under torchrun "cpu" or its own GPU.
+
+        Raises:
+            ValueError: The device is not the one of this process's local rank.
+        """
+        self.world_size = int(os.environ.get("WORLD_SIZE", "1"))
+        self.rank = int(os.environ.get("RANK", "0"))
+        self.local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+        self.joined = False
+        if not self.parallel:
+            return
+        on_gpu = device != "cpu"
+        if on_gpu and device != f"cuda:{self.local_rank}":
+            raise ValueError(f"device={device} does not fit local rank {self.local_rank}: use cuda:{self.local_rank}.")
+        if on_gpu:
+            torch.cuda.set_device(self.local_rank)
+        if not distributed.is_initialized():
+            distributed.init_process_group("nccl" if on_gpu else "gloo", rank=self.rank, world_size=self.world_size)
+            self.joined = True
+        self._host_group = distributed.new_group(backend="gloo")
+
+    @property
+    def parallel(self) -> bool:
+        """Whether there is more than one process."""
+        return self.world_size > 1
+
+    @property
+    def is_main(self) -> bool:
+        """Whether this process writes files and shows progress."""
+        return self.rank == 0
+
+    def any(self, *flags: bool) -> list[bool]:
+        """Tell for each flag whether it is set in some process; the same answer everywhere."""
+        if not self.parallel:
+            return list(flags)
+        values = torch.tensor(flags, dtype=torch.int32)
+        distributed.all_reduce(values, distributed.ReduceOp.MAX, group=self._host_group)
+        return [bool(value) for value in values.tolist()]
+
+    def sum(self, values: list[float]) -> list[float]:
+        """Add up numbers over the processes."""
+        if not self.parallel:
+            return values
+        total = torch.tensor(values, dtype=torch.float64)
+        distributed.all_reduce(total, group=self._host_group)
+        return total.tolist()
+
+    def max(self, value: float) -> float:
+        """Return the greatest of the processes' numbers."""
+        if not self.parallel:
+            return value
+        greatest = torch.tensor(value, dtype=torch.float64)
+        distributed.all_reduce(greatest, distributed.ReduceOp.MAX, group=self._host_group)
+        return greatest.item()
+
+    def gather(self, item: Any) -> list[Any]:
+        """Collect one object of each process in the main one; the others get an empty list."""
+        if not self.parallel:
+            return [item]
+        items: list[Any] | None = [None] * self.world_size if self.is_main else None
+        distributed.gather_object(item, items, dst=0, group=self._host_group)
+        return items or []
+
+    def leave(self) -> None:
+        """Leave the group, if it was joined here."""
+        if self.joined:
+            distributed.destroy_process_group()
+            self.joined = False
+
+
+def mean_statistics(processes: Processes, statistics: dict[str, float]) -> dict[str, float]:
+    """Average episode statistics over the processes, weighted by their episodes; "episodes" is the sum.
+
+    Statistics of a process without finished episodes count only where no process finished one.
+    """
+    if not processes.parallel:
+        return statistics
+    names = sorted(statistics.keys() - {"episodes"})
+    episodes = statistics["episodes"]
+    (total,) = processes.sum([episodes])
+    weight = episodes / total if total > 0 else 1.0 / processes.world_size
+    means = processes.sum([statistics[name] * weight if weight > 0 else 0.0 for name in names])
+    return {"episodes": total, **dict(zip(names, means, strict=True))}

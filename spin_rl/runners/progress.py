@@ -1,0 +1,121 @@
+"""What a run shows: lines on the terminal and scalars for TensorBoard."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import TextIO
+
+LINE_INTERVAL_S = 10.0
+"""Time between lines where the output is not a terminal."""
+
+
+class RecentEpisodes:
+    """Statistics over the last few iterations, weighted by their episodes."""
+
+    def __init__(self, iterations: int = 10) -> None:
+        self._window: deque[dict[str, float]] = deque(maxlen=iterations)
+
+    def add(self, statistics: dict[str, float]) -> None:
+        """Add the statistics of one iteration; those without an ended episode say nothing."""
+        if statistics["episodes"] > 0:
+            self._window.append(statistics)
+
+    def mean(self, name: str) -> float:
+        """Return a statistic's mean, NaN before the first episode has ended."""
+        episodes = sum(statistics["episodes"] for statistics in self._window)
+        if episodes == 0:
+            return math.nan
+        return sum(statistics[name] * statistics["episodes"] for statistics in self._window) / episodes
+
+
+class ProgressLine:
+    """One line of state: rewritten in place on a terminal, printed every few seconds elsewhere."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stdout
+        self._in_place = self._stream.isatty()
+        self._next_time = 0.0
+        self._width = 0
+
+    def show(self, text: str, force: bool = False) -> None:
+        """Show the line; off a terminal only when it is due, or if forced."""
+        if self._in_place:
+            self._stream.write("\r" + text.ljust(self._width))
+            self._width = len(text)
+        elif force or time.monotonic() >= self._next_time:
+            self._next_time = time.monotonic() + LINE_INTERVAL_S
+            self._stream.write(text + "\n")
+        self._stream.flush()
+
+    def end(self, text: str) -> None:
+        """Finish the line that is rewritten, and print one that stays."""
+        self._stream.write(("\n" if self._in_place and self._width else "") + text + "\n")
+        self._stream.flush()
+        self._width = 0
+
+
+class ScalarWriter:
+    """TensorBoard events of a run; does nothing without a folder."""
+
+    def __init__(self, folder: Path | None, first_iteration: int) -> None:
+        """Open an event file; events of a resumed run after its checkpoint are dropped."""
+        self._writer = None
+        if folder is not None:
+            from torch.utils.tensorboard import SummaryWriter  # slow to import
+
+            self._writer = SummaryWriter(str(folder), purge_step=first_iteration, flush_secs=10)
+
+    def write(self, iteration: int, scalars: dict[str, float]) -> None:
+        """Write the scalars that are finite."""
+        if self._writer is not None:
+            for tag, value in scalars.items():
+                if math.isfinite(value):
+                    self._writer.add_scalar(tag, value, iteration)
+
+    def close(self) -> None:
+        """Write what is buffered."""
+        if self._writer is not None:
+            self._writer.close()
+
+
+def progress_text(
+    iteration: int,
+    max_iterations: int,
+    env_steps: int,
+    steps_per_second: float,
+    episodes: RecentEpisodes,
+    seconds_left: float,
+) -> str:
+    """Format the state of a run in one line."""
+    success, mean_return = episodes.mean("success_rate"), episodes.mean("mean_return")
+    shown = "no episode ended yet" if math.isnan(success) else f"success {success:6.1%} | return {mean_return:8.2f}"
+    return (
+        f"iteration {iteration}/{max_iterations} | {env_steps / 1e6:.3f} M env steps | {steps_per_second:7.0f}/s | "
+        f"{shown} | {format_duration(seconds_left)} left"
+    )
+
+
+def seconds_left(
+    done: int, to_do: int, elapsed_s: float, max_seconds: float | None
+) -> float:
+    """Estimate when the first of both limits is reached, from the iterations of this call."""
+    left = elapsed_s / done * to_do
+    return left if max_seconds is None else max(0.0, min(left, max_seconds - elapsed_s))
+
+
+def episode_tag(name: str) -> str:
+    """TensorBoard tag of an episode statistic: its own group if it names one, else Episode or Curriculum."""
+    if "/" in name:
+        return name[0].upper() + name[1:]
+    return f"Curriculum/{name.removeprefix('curriculum_')}" if name.startswith("curriculum") else f"Episode/{name}"
+
+
+def format_duration(seconds: float) -> str:
+    """Format a duration as h:mm:ss."""
+    minutes, second = divmod(round(seconds), 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours}:{minute:02d}:{second:02d}"

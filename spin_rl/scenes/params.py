@@ -1,0 +1,238 @@
+"""Parameters of the corridor generator, on the host and as the struct that its kernel reads."""
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import warp as wp
+
+from spin_rl import robot
+
+vec8 = wp.types.vector(length=8, dtype=float)
+
+
+@dataclass(frozen=True)
+class GeneratorParams:
+    """Distribution of corridors, clutter and start poses. Pairs are (low, high) of a uniform draw.
+
+    Lengths in metres, angles in radians. "Across" is measured from a side wall towards the other one, "along" along
+    the path from start to goal.
+
+    Attributes:
+        width: Corridor width at curriculum level 1.
+        easy_width: Corridor width at curriculum level 0.
+        length: Path length from start to goal.
+        first_leg: Length of the first leg of an L, from the start to the corner's centre.
+        behind_start: Room behind the start.
+        beyond_goal: Room beyond the goal.
+        wall_height: Height of the walls, one draw per world.
+        wall_thickness: Thickness of the walls.
+        passage: Room left beside every obstacle; the base is 0.363 m wide, 0.38 m with the stowed arm.
+        first_obstacle: Distance from the robot's front, as it faces the goal, to the nearest possible obstacle.
+        goal_clearance: Distance from the last possible obstacle to the goal.
+        corner_clearance: Distance of obstacles along the first leg to the corner's square.
+        slalom_gap: Distance along between obstacles on opposite sides that cannot be passed in a straight line.
+        slalom_gain: What that distance grows by per metre that the robot must shift across.
+        same_side_gap: Smallest distance along between any two obstacles.
+        tall_share: Share of obstacles that stand on the floor and are tall.
+        arm_share: Share of floating obstacles at arm height.
+        head_share: Share of floating obstacles at head height; low floor obstacles are the rest.
+        cylinder_share: Share of floor obstacles that are cylinders.
+        standing_share: Share of boxes that stand away from the wall, where enough room remains.
+        corner_share: Share of L-shaped corridors whose first obstacle after the corner is hidden behind it.
+        protrusion: How far an obstacle reaches into the corridor, further limited by `passage`.
+        standing_width: Size across of boxes that stand away from the wall.
+        half_length: Half the size along of boxes.
+        radius: Radius of cylinders.
+        box_yaw: Largest turn of a box against the corridor, either way.
+        low_top: Top of low floor obstacles.
+        tall_top: Top of tall floor obstacles.
+        arm_bottom: Bottom of obstacles at arm height.
+        arm_thickness: Height of the body of obstacles at arm height.
+        head_bottom: Bottom of obstacles at head height.
+        head_thickness: Height of the body of obstacles at head height.
+        max_distractors: Most boxes placed outside the walls; at least one.
+        start_y: Largest offset of the start from the corridor's centre line, either way.
+        start_clearance: Smallest distance of the start pose to anything.
+        start_tries: Start poses drawn before the aligned, stowed one is taken.
+        start_lift: Lift positions at the start.
+        start_arm_extension: Arm extensions at the start.
+        start_wrist_yaw: Wrist yaw at the start, relative to the stowed one.
+        start_wrist_pitch: Wrist pitch at the start, relative to the stowed one.
+        start_wrist_roll: Wrist roll at the start, relative to the stowed one.
+        start_gripper_finger: Finger angle at the start, relative to the stowed one.
+        start_head_pan: Head pan at the start.
+        start_head_tilt: Head tilt at the start.
+    """
+
+    width: float = 1.0
+    easy_width: float = 1.6
+    length: float = 5.0
+    first_leg: tuple[float, float] = (2.0, 3.0)
+    behind_start: tuple[float, float] = (0.55, 0.9)
+    beyond_goal: tuple[float, float] = (0.5, 0.9)
+    wall_height: tuple[float, float] = (1.0, 2.0)
+    wall_thickness: float = 0.1
+    passage: float = 0.5
+    first_obstacle: float = 0.4
+    goal_clearance: float = 0.35
+    corner_clearance: float = 0.08
+    slalom_gap: float = 0.45
+    slalom_gain: float = 1.0
+    same_side_gap: float = 0.05
+    tall_share: float = 0.10
+    arm_share: float = 0.15
+    head_share: float = 0.30
+    cylinder_share: float = 0.3
+    standing_share: float = 0.3
+    corner_share: float = 0.5
+    protrusion: tuple[float, float] = (0.12, 0.6)
+    standing_width: tuple[float, float] = (0.12, 0.3)
+    half_length: tuple[float, float] = (0.05, 0.2)
+    radius: tuple[float, float] = (0.05, 0.14)
+    box_yaw: float = 0.15
+    low_top: tuple[float, float] = (0.08, 0.25)
+    tall_top: tuple[float, float] = (0.7, 1.4)
+    arm_bottom: tuple[float, float] = (0.4, 0.8)
+    arm_thickness: tuple[float, float] = (0.1, 0.3)
+    head_bottom: tuple[float, float] = (1.05, 1.25)
+    head_thickness: tuple[float, float] = (0.2, 0.4)
+    max_distractors: int = 2
+    start_y: float = 0.1
+    start_clearance: float = 0.05
+    start_tries: int = 16
+    start_lift: tuple[float, float] = (0.35, 0.9)
+    start_arm_extension: tuple[float, float] = (0.0, 0.1)
+    start_wrist_yaw: tuple[float, float] = (-0.9, 0.0)
+    start_wrist_pitch: tuple[float, float] = (-0.15, 0.15)
+    start_wrist_roll: tuple[float, float] = (-0.3, 0.3)
+    start_gripper_finger: tuple[float, float] = (-0.1, 0.15)
+    start_head_pan: tuple[float, float] = (-3.8, 1.4)
+    start_head_tilt: tuple[float, float] = (-1.45, 0.6)
+
+    def __post_init__(self) -> None:
+        """Reject values that cannot make a solvable corridor."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, (list, tuple)):
+                if len(value) != 2 or not value[0] <= value[1]:
+                    raise ValueError(f"scene.{field.name} must be (low, high), got {value}")
+                object.__setattr__(self, field.name, (float(value[0]), float(value[1])))
+        for name in ("wall_thickness", "first_obstacle", "goal_clearance", "corner_clearance", "same_side_gap"):
+            _require(getattr(self, name) > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}")
+        _require(self.passage >= 0.42, f"scene.passage must be at least 0.42 m, got {self.passage}")
+        _require(
+            self.passage + self.protrusion[0] <= self.width <= self.easy_width,
+            "scene.width must leave passage + protrusion[0] and not exceed easy_width, got "
+            f"{self.width} with easy_width {self.easy_width}",
+        )
+        _require(
+            self.first_leg[0] >= 0.5 * self.easy_width + 1.0
+            and self.first_leg[1] <= self.length - 0.5 * self.easy_width - 0.9,
+            f"scene.first_leg must leave room in both legs, got {self.first_leg} with length {self.length}",
+        )
+        _require(
+            self.behind_start[0] >= 0.35 + self.start_clearance,
+            f"scene.behind_start must leave room to turn, got {self.behind_start}",
+        )
+        _require(self.beyond_goal[0] >= 0.2, f"scene.beyond_goal must be at least 0.2, got {self.beyond_goal}")
+        _require(0.0 <= self.box_yaw <= 0.3, f"scene.box_yaw must be in [0, 0.3] rad, got {self.box_yaw}")
+        for name in ("protrusion", "standing_width", "half_length", "radius", "low_top", "tall_top"):
+            _require(getattr(self, name)[0] > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}")
+        for name in ("cylinder_share", "standing_share", "corner_share"):
+            _require(
+                0.0 <= getattr(self, name) <= 1.0, f"scene.{name} must be in [0, 1], got {getattr(self, name)}"
+            )
+        shares = (self.tall_share, self.arm_share, self.head_share)
+        _require(
+            min(shares) >= 0.0 and sum(shares) <= 1.0,
+            f"scene.tall_share, arm_share and head_share must not be negative nor sum to more than 1, got {shares}",
+        )
+        for name, joint in _START_RANGES.items():
+            if name in _ABSOLUTE_RANGES:
+                index = robot.JOINTS.index(joint)
+                low, high = robot.JOINT_LOWER[index], robot.JOINT_UPPER[index]
+                value = getattr(self, name)
+                _require(
+                    low <= value[0] and value[1] <= high,
+                    f"scene.{name} must lie within the joint's limits ({low}, {high}), got {value}",
+                )
+
+
+# Ranges of the start pose in the order of robot.JOINTS; the ones that are not absolute are relative to the stowed pose.
+_START_RANGES = {f"start_{joint}": joint for joint in robot.JOINTS}
+_ABSOLUTE_RANGES = ("start_lift", "start_arm_extension", "start_head_pan", "start_head_tilt")
+
+
+@wp.struct
+class ParamsStruct:
+    """`GeneratorParams` as the kernel reads them; see there. Joint ranges are absolute and clipped to limits."""
+
+    width: float
+    easy_width: float
+    length: float
+    first_leg: wp.vec2
+    behind_start: wp.vec2
+    beyond_goal: wp.vec2
+    wall_height: wp.vec2
+    wall_thickness: float
+    passage: float
+    first_obstacle: float
+    goal_clearance: float
+    corner_clearance: float
+    slalom_gap: float
+    slalom_gain: float
+    same_side_gap: float
+    tall_share: float
+    arm_share: float
+    head_share: float
+    cylinder_share: float
+    standing_share: float
+    corner_share: float
+    protrusion: wp.vec2
+    standing_width: wp.vec2
+    half_length: wp.vec2
+    radius: wp.vec2
+    box_yaw: float
+    low_top: wp.vec2
+    tall_top: wp.vec2
+    arm_bottom: wp.vec2
+    arm_thickness: wp.vec2
+    head_bottom: wp.vec2
+    head_thickness: wp.vec2
+    max_distractors: int
+    start_y: float
+    start_clearance: float
+    start_tries: int
+    stowed: vec8
+    start_low: vec8
+    start_high: vec8
+
+
+@lru_cache(maxsize=8)
+def params_struct(params: GeneratorParams) -> ParamsStruct:
+    """The kernel's copy of the parameters."""
+    struct = ParamsStruct()
+    for field in fields(params):
+        if field.name in _START_RANGES:
+            continue
+        value = getattr(params, field.name)
+        setattr(struct, field.name, wp.vec2(*value) if isinstance(value, tuple) else value)
+    stowed = [robot.STOWED[joint] for joint in robot.JOINTS]
+    ranges = [
+        [
+            min(max(bound + (0.0 if name in _ABSOLUTE_RANGES else stowed[i]), lower), upper)
+            for bound in getattr(params, name)
+        ]
+        for i, (name, lower, upper) in enumerate(
+            zip(_START_RANGES, robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True)
+        )
+    ]
+    struct.stowed = vec8(*stowed)
+    struct.start_low = vec8(*(low for low, _ in ranges))
+    struct.start_high = vec8(*(high for _, high in ranges))
+    return struct
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ValueError(message)

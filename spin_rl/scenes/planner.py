@@ -1,0 +1,255 @@
+"""Path search for the Stretch in a scene: is there a way from start to goal, and which?
+
+A search over a lattice of base poses with the robot's collision shape, in which the arm stays stowed at one of a few
+lift heights. The lattice's moves are those of a differential drive: straight along the heading, either way, and turns
+in place. Positions are exact at lattice points, so that a path found here can be driven; a way narrower than the
+lattice may be missed.
+
+Needs the `planner` extra (SciPy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from spin_rl import robot
+from spin_rl.scenes.layout import Scene
+
+LIFT_HEIGHTS_M = (0.35, 0.6, 0.9)
+"""Lift positions that a path may choose from."""
+
+RESOLUTION_M = 0.04
+MARGIN_M = 0.01
+"""Distance that is kept from everything, which covers the way between lattice points."""
+
+GOAL_TOLERANCE_M = 0.15
+
+# Headings that go through lattice points, one quadrant: (0, 14.0, 26.6, 45, 63.4, 76.0) degrees.
+_QUADRANT = ((1, 0), (4, 1), (2, 1), (1, 1), (1, 2), (1, 4))
+_STEPS = np.array(
+    [
+        (c * x - s * y, s * x + c * y)
+        for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))
+        for x, y in _QUADRANT
+    ]
+)
+HEADINGS_RAD = np.arctan2(_STEPS[:, 1], _STEPS[:, 0])
+"""Yaws of the lattice, shape (24,)."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """A way from start to goal.
+
+    Attributes:
+        poses: Base poses (x [m], y [m], yaw [rad]) in the world, shape (n, 3).
+        lift: Lift position on the whole way [m].
+    """
+
+    poses: np.ndarray
+    lift: float
+
+
+@lru_cache(maxsize=16)
+def robot_columns(lift: float) -> np.ndarray:
+    """Bounding boxes of the stowed robot's collision geoms in the base frame.
+
+    Args:
+        lift: Lift position [m].
+
+    Returns:
+        Low and high corners [m], shape (ngeom, 2, 3).
+    """
+    model = robot.load_spec().compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = robot.qpos_from_joints(model, {**robot.STOWED, "lift": lift})
+    mujoco.mj_forward(model, data)
+    columns = []
+    for geom in np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0)):
+        rotation = np.abs(data.geom_xmat[geom].reshape(3, 3))
+        size = model.geom_size[geom]
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            half = rotation[:, 2] * size[1] + size[0]
+            centre = data.geom_xpos[geom]
+        else:
+            half = rotation @ model.geom_aabb[geom, 3:]
+            centre = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ model.geom_aabb[geom, :3]
+        columns.append((centre - half, centre + half))
+    return np.array(columns)
+
+
+def find_path(scene: Scene) -> Path | None:
+    """Search for a way from the start to within `GOAL_TOLERANCE_M` of the goal.
+
+    Args:
+        scene: The world; its start joints are ignored (the robot stows first).
+
+    Returns:
+        A path for the first lift height that has one, or None.
+    """
+    grid = _Grid.around(scene)
+    for lift in LIFT_HEIGHTS_M:
+        poses = _search(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene)
+        if poses is not None:
+            return Path(poses=poses, lift=lift)
+    return None
+
+
+def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np.ndarray:
+    """Which base poses of a lattice touch something, the arm stowed.
+
+    Args:
+        scene: The world.
+        x: Positions along x [m], ascending, shape (nx,).
+        y: Positions along y [m], ascending, shape (ny,).
+        lift: Lift position [m].
+
+    Returns:
+        Shape (24, ny, nx), bool, in the order of `HEADINGS_RAD`.
+    """
+    columns = robot_columns(lift)
+    blocked = np.zeros((len(HEADINGS_RAD), len(y), len(x)), dtype=bool)
+    for slot in np.flatnonzero(scene.active):
+        centre, half = scene.pos[slot], scene.half_size[slot] + MARGIN_M
+        hit = (columns[:, 1, 2] > centre[2] - half[2]) & (columns[:, 0, 2] < centre[2] + half[2])
+        for low, high in columns[hit]:
+            part_half, part_centre = 0.5 * (high - low)[:2], 0.5 * (high + low)[:2]
+            reach = np.hypot(*part_half) + np.hypot(*half[:2]) + np.hypot(*part_centre)
+            ix = slice(*np.searchsorted(x, (centre[0] - reach, centre[0] + reach)))
+            iy = slice(*np.searchsorted(y, (centre[1] - reach, centre[1] + reach)))
+            if ix.start == ix.stop or iy.start == iy.stop:
+                continue
+            for heading, yaw in enumerate(HEADINGS_RAD):
+                blocked[heading, iy, ix] |= _overlaps(
+                    x[None, ix],
+                    y[iy, None],
+                    yaw,
+                    part_centre,
+                    part_half,
+                    centre,
+                    scene.yaw[slot],
+                    half,
+                    bool(scene.is_cylinder[slot]),
+                )
+    return blocked
+
+
+def _overlaps(
+    x: np.ndarray,
+    y: np.ndarray,
+    yaw: float,
+    part_centre: np.ndarray,
+    part_half: np.ndarray,
+    centre: np.ndarray,
+    slot_yaw: float,
+    half: np.ndarray,
+    is_cylinder: bool,
+) -> np.ndarray:
+    """Whether a rectangle on the robot overlaps a slot seen from above, for base positions (x, y)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    dx = x + (c * part_centre[0] - s * part_centre[1] - centre[0])
+    dy = y + (s * part_centre[0] + c * part_centre[1] - centre[1])
+    along, across = c * dx + s * dy, c * dy - s * dx
+    if is_cylinder:
+        outside_x = np.maximum(np.abs(along) - part_half[0], 0.0)
+        outside_y = np.maximum(np.abs(across) - part_half[1], 0.0)
+        return outside_x**2 + outside_y**2 < half[0] ** 2
+    # Separating axes: two of the rectangle, two of the box.
+    ct, st = np.abs(np.cos(yaw - slot_yaw)), np.abs(np.sin(yaw - slot_yaw))
+    hit = (np.abs(along) < part_half[0] + half[0] * ct + half[1] * st) & (
+        np.abs(across) < part_half[1] + half[0] * st + half[1] * ct
+    )
+    cs, ss = np.cos(slot_yaw), np.sin(slot_yaw)
+    hit &= np.abs(cs * dx + ss * dy) < half[0] + part_half[0] * ct + part_half[1] * st
+    hit &= np.abs(cs * dy - ss * dx) < half[1] + part_half[0] * st + part_half[1] * ct
+    return hit
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Lattice positions; the start is one of them."""
+
+    x: np.ndarray
+    y: np.ndarray
+    start: tuple[int, int]  # (row, column)
+
+    @staticmethod
+    def around(scene: Scene) -> _Grid:
+        """A lattice over the scene's slots, start and goal."""
+        corners = [scene.start[:2], scene.goal]
+        for slot in np.flatnonzero(scene.active):
+            c, s = np.abs(np.cos(scene.yaw[slot])), np.abs(np.sin(scene.yaw[slot]))
+            hx, hy = scene.half_size[slot, :2]
+            reach = np.array([hx * c + hy * s, hx * s + hy * c])
+            corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
+        before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / RESOLUTION_M).astype(int)
+        after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / RESOLUTION_M).astype(int)
+        x, y = (
+            scene.start[i] + RESOLUTION_M * np.arange(-before[i], after[i] + 1) for i in range(2)
+        )
+        return _Grid(x=x, y=y, start=(int(before[1]), int(before[0])))
+
+
+def _search(grid: _Grid, free: np.ndarray, scene: Scene) -> np.ndarray | None:
+    """Poses of a way through the free poses, or None."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import breadth_first_order
+
+    yaw_error = np.abs(np.angle(np.exp(1j * (HEADINGS_RAD - scene.start[2]))))
+    # The start itself is clear; its nearest lattice heading may not be.
+    heading = next((int(h) for h in np.argsort(yaw_error)[:2] if free[(h, *grid.start)]), None)
+    if heading is None:
+        return None
+    nodes = np.arange(free.size).reshape(free.shape)
+    edges = _turns(nodes, free) + _straights(nodes, free)
+    ends = [np.concatenate(side) for side in zip(*edges, strict=True)]
+    graph = coo_matrix((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(free.size, free.size)).tocsr()
+    order, before = breadth_first_order(graph, nodes[(heading, *grid.start)], directed=False)
+    _, row, column = np.unravel_index(order, free.shape)
+    at_goal = np.hypot(grid.x[column] - scene.goal[0], grid.y[row] - scene.goal[1]) <= GOAL_TOLERANCE_M
+    if not at_goal.any():
+        return None
+    node = int(order[np.argmax(at_goal)])
+    way = []
+    while node >= 0:
+        way.append(node)
+        node = int(before[node])
+    h, row, column = np.unravel_index(way[::-1], free.shape)
+    return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
+
+
+def _turns(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Edges between neighbouring headings at one position."""
+    keep = free & np.roll(free, -1, axis=0)
+    return [(nodes[keep], np.roll(nodes, -1, axis=0)[keep])]
+
+
+def _straights(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Edges along the headings; the lattice points nearest to the way between must be free as well."""
+    edges = []
+    for heading, (dx, dy) in enumerate(_STEPS):
+        points = max(abs(dx), abs(dy))
+        here, keep = _shifted(free[heading], dx, dy)
+        keep = keep & here
+        for i in range(1, points):
+            px, py = round(i * dx / points), round(i * dy / points)
+            keep &= _between(free[heading], px, py, dx, dy)
+        a, b = _shifted(nodes[heading], dx, dy)
+        edges.append((a[keep], b[keep]))
+    return edges
+
+
+def _shifted(array: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
+    """Views of an array (y, x) and of itself shifted by (dx, dy), over the indices that both have."""
+    return _between(array, 0, 0, dx, dy), _between(array, dx, dy, dx, dy)
+
+
+def _between(array: np.ndarray, px: int, py: int, dx: int, dy: int) -> np.ndarray:
+    """View of an array (y, x) shifted by (px, py), over the indices for which a shift by (dx, dy) stays inside."""
+    ny, nx = array.shape
+    x0, y0 = max(0, -dx), max(0, -dy)
+    return array[y0 + py : ny - max(0, dy) + py, x0 + px : nx - max(0, dx) + px]

@@ -1,0 +1,110 @@
+"""The scandot sensor: tokens of the obstacles in the local window, and of those that the camera sees."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import warp as wp
+
+from spin_rl.warp_kernels.scandots import scandot_tokens
+from spin_rl.warp_kernels.tokens import TOKEN_SIZE
+
+
+class Obstacles(Protocol):
+    """Arrays that describe the obstacle slots of all worlds, as in ``spin_rl.scenes``."""
+
+    pos: wp.array
+    yaw: wp.array
+    half_size: wp.array
+    active: wp.array
+    is_cylinder: wp.array
+    is_wall: wp.array
+
+
+class Scandots:
+    """Owns the two token buffers and refreshes them with one kernel launch.
+
+    Tokens, their corner order, and what counts as seen are defined in ``spin_rl.warp_kernels.scandots``
+    and ``spin_rl.warp_kernels.tokens``.
+
+    Attributes:
+        all: Corners in the local window, whether seen or not, shape (nworld, nslot, 32), float.
+        visible: Corners that the camera sees as well (the paper's mask F), shape (nworld, nslot, 32), float.
+    """
+
+    def __init__(
+        self,
+        obstacles: Obstacles,
+        qpos: wp.array,
+        site_xpos: wp.array,
+        site_xmat: wp.array,
+        *,
+        camera_site: int,
+        tan_half_fov: tuple[float, float],
+        window: float = 2.0,
+        near: float = 0.1,
+        occlusion: bool = True,
+    ) -> None:
+        """Allocate the buffers and keep references to the arrays that ``update`` reads.
+
+        Args:
+            obstacles: Obstacle slots, shape (nworld, nslot), on the device of the sensor.
+            qpos: ``d.qpos``, shape (nworld, nq); columns 0 to 2 are the base's x, y [m] and yaw [rad].
+            site_xpos: ``d.site_xpos`` [m], shape (nworld, nsite), vec3.
+            site_xmat: ``d.site_xmat``, shape (nworld, nsite), mat33.
+            camera_site: Index of the camera's optical frame (x right, y down, z forward) among the sites.
+            tan_half_fov: Tangent of half the field of view along the optical x and y axes.
+            window: Half side of the square local window [m].
+            near: Smallest depth that the camera sees [m].
+            occlusion: Whether obstacles hide corners from the camera.
+
+        Raises:
+            ValueError: A length or field of view is not positive, the site does not exist, or the arrays
+                disagree on the number of worlds.
+        """
+        if min(tan_half_fov) <= 0.0 or window <= 0.0 or near <= 0.0:
+            raise ValueError(
+                f"tan_half_fov, window and near must be positive, got {tan_half_fov}, {window}, {near}"
+            )
+        if not 0 <= camera_site < site_xpos.shape[1]:
+            raise ValueError(f"camera_site must be in [0, {site_xpos.shape[1]}), got {camera_site}")
+        nworld, nslot = obstacles.pos.shape
+        if qpos.shape[0] != nworld or site_xpos.shape[0] != nworld or site_xmat.shape[0] != nworld:
+            raise ValueError(
+                f"obstacles have {nworld} worlds, but qpos {qpos.shape[0]}, site_xpos {site_xpos.shape[0]} "
+                f"and site_xmat {site_xmat.shape[0]}"
+            )
+        self._obstacles = obstacles
+        self._qpos = qpos
+        self._site_xpos = site_xpos
+        self._site_xmat = site_xmat
+        self._camera_site = camera_site
+        self._tan_half_fov = tan_half_fov
+        self._window = window
+        self._near = near
+        self._occlusion = occlusion
+        shape = (nworld, nslot, TOKEN_SIZE)
+        self.all = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
+        self.visible = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
+
+    def update(self) -> None:
+        """Recompute both buffers from the current poses; graph-safe, and call it after the kinematics."""
+        obstacles = self._obstacles
+        scandot_tokens(
+            obstacles.pos,
+            obstacles.yaw,
+            obstacles.half_size,
+            obstacles.active,
+            obstacles.is_cylinder,
+            obstacles.is_wall,
+            self._qpos,
+            self._site_xpos,
+            self._site_xmat,
+            camera_site=self._camera_site,
+            tan_half_fov=self._tan_half_fov,
+            near=self._near,
+            window=self._window,
+            occlusion=self._occlusion,
+            all_out=self.all,
+            visible_out=self.visible,
+        )

@@ -1,0 +1,171 @@
+"""From actions to servo set-points: the robot's own low-level controller, run before every substep.
+
+Joints follow their targets as first-order systems with a speed limit, which is exact at the simulator's
+timestep where stiff position servos are not; the base follows a body-frame velocity command.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from spin_rl import robot
+
+
+@wp.func
+def joint_target(a: float, low: float, default: float, high: float) -> float:
+    """Map an action to a set-point: 0 is the default pose, -1 and 1 are the limits, linear in between."""
+    if a >= 0.0:
+        return default + a * (high - default)
+    return default + a * (default - low)
+
+
+@wp.kernel
+def _drive(
+    # Model
+    dof_joint: wp.array(dtype=wp.int32),
+    dof_share: wp.array(dtype=float),
+    joint_low: wp.array(dtype=float),
+    joint_default: wp.array(dtype=float),
+    joint_high: wp.array(dtype=float),
+    joint_speed: wp.array(dtype=float),
+    base_speed: wp.array(dtype=float),
+    base_acceleration: wp.array(dtype=float),
+    timestep: float,
+    # Per world
+    lag: wp.array2d(dtype=float),
+    speed_scale: wp.array(dtype=float),
+    action: wp.array2d(dtype=float),
+    qpos: wp.array2d(dtype=float),
+    # Out
+    base_velocity_out: wp.array2d(dtype=float),
+    ctrl_out: wp.array2d(dtype=float),
+):
+    w = wp.tid()
+    scale = speed_scale[w]
+
+    forward = wp.clamp(action[w, 0], -1.0, 1.0)
+    v_target = scale * forward * wp.where(forward >= 0.0, base_speed[0], base_speed[1])
+    w_target = scale * wp.clamp(action[w, 1], -1.0, 1.0) * base_speed[2]
+    blend = 1.0 - wp.exp(-timestep / lag[w, 0])
+    dv = wp.clamp(
+        (v_target - base_velocity_out[w, 0]) * blend,
+        -base_acceleration[0] * timestep,
+        base_acceleration[0] * timestep,
+    )
+    dw = wp.clamp(
+        (w_target - base_velocity_out[w, 1]) * blend,
+        -base_acceleration[1] * timestep,
+        base_acceleration[1] * timestep,
+    )
+    v = base_velocity_out[w, 0] + dv
+    turn = base_velocity_out[w, 1] + dw
+    base_velocity_out[w, 0] = v
+    base_velocity_out[w, 1] = turn
+    # The world-frame velocity over a substep that also turns: the midpoint yaw keeps the path exact to
+    # second order.
+    yaw = qpos[w, 2] + 0.5 * timestep * turn
+    ctrl_out[w, 0] = v * wp.cos(yaw)
+    ctrl_out[w, 1] = v * wp.sin(yaw)
+    ctrl_out[w, 2] = turn
+
+    gain = (1.0 - wp.exp(-timestep / lag[w, 1])) / timestep
+    for dof in range(3, ctrl_out.shape[1]):
+        joint = dof_joint[dof]
+        share = dof_share[dof]
+        a = wp.clamp(action[w, joint + 2], -1.0, 1.0)
+        target = share * joint_target(a, joint_low[joint], joint_default[joint], joint_high[joint])
+        limit = share * scale * joint_speed[joint]
+        ctrl_out[w, dof] = wp.clamp((target - qpos[w, dof]) * gain, -limit, limit)
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """The robot's limits as the drive kernel reads them, on one device.
+
+    Attributes:
+        joint_low: Lower joint limits in `robot.JOINTS` order [m or rad], shape (8,).
+        joint_default: Joint set-points of a zero action, shape (8,).
+        joint_high: Upper joint limits, shape (8,).
+        joint_speed: Speed limits [m/s or rad/s], shape (8,).
+        base_speed: Forward [m/s], reverse [m/s] and turning [rad/s] speed limits, shape (3,).
+        base_acceleration: Linear [m/s^2] and angular [rad/s^2] acceleration limits, shape (2,).
+        dof_joint: Index into `robot.JOINTS` of each degree of freedom, -1 for the base, shape (13,).
+        dof_share: Share of the joint's motion that the degree of freedom makes, shape (13,).
+    """
+
+    joint_low: wp.array
+    joint_default: wp.array
+    joint_high: wp.array
+    joint_speed: wp.array
+    base_speed: wp.array
+    base_acceleration: wp.array
+    dof_joint: wp.array
+    dof_share: wp.array
+
+    @staticmethod
+    def create(profile: robot.SpeedProfile, device: str) -> "DriveLimits":
+        """Allocate the limits of a speed profile on a device."""
+
+        def floats(values: object) -> wp.array:
+            return wp.array(values, dtype=float, device=device)
+
+        base = [-1, -1, -1]
+        return DriveLimits(
+            joint_low=floats(robot.JOINT_LOWER),
+            joint_default=floats([robot.STOWED[name] for name in robot.JOINTS]),
+            joint_high=floats(robot.JOINT_UPPER),
+            joint_speed=floats(profile.joint_velocity_max),
+            base_speed=floats([profile.forward_max, profile.reverse_max, profile.turn_max]),
+            base_acceleration=floats([profile.base_acceleration, profile.turn_acceleration]),
+            dof_joint=wp.array(
+                base + [robot.JOINTS.index(j) for j, _ in robot.DOF_SOURCE], dtype=wp.int32, device=device
+            ),
+            dof_share=floats([1.0] * len(base) + [share for _, share in robot.DOF_SOURCE]),
+        )
+
+
+def drive(
+    limits: DriveLimits,
+    timestep: float,
+    *,
+    lag: wp.array,
+    speed_scale: wp.array,
+    action: wp.array,
+    qpos: wp.array,
+    base_velocity: wp.array,
+    ctrl: wp.array,
+) -> None:
+    """Write the velocity set-points of one substep.
+
+    Args:
+        limits: The robot's limits.
+        timestep: Substep [s].
+        lag: Time constants of base and joints [s], shape (nworld, 2).
+        speed_scale: Factor on every speed limit, shape (nworld,).
+        action: Actions in [-1, 1] in `robot.ACTIONS` order (clipped here), shape (nworld, 10).
+        qpos: Generalized positions, shape (nworld, 13).
+        base_velocity: Body-frame forward [m/s] and turning [rad/s] velocity commanded so far, shape
+            (nworld, 2); updated in place.
+        ctrl: Output, velocity set-point of each degree of freedom, shape (nworld, 13).
+    """
+    wp.launch(
+        _drive,
+        dim=qpos.shape[0],
+        inputs=[
+            limits.dof_joint,
+            limits.dof_share,
+            limits.joint_low,
+            limits.joint_default,
+            limits.joint_high,
+            limits.joint_speed,
+            limits.base_speed,
+            limits.base_acceleration,
+            timestep,
+            lag,
+            speed_scale,
+            action,
+            qpos,
+        ],
+        outputs=[base_velocity, ctrl],
+        device=qpos.device,
+    )

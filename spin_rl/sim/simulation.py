@@ -1,0 +1,253 @@
+"""Thousands of Stretch worlds in mujoco-warp, stepped and reset without leaving the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import mujoco_warp as mjw
+import torch
+import warp as wp
+
+from spin_rl import robot
+from spin_rl.scenes.builder import add_pool, write_geoms
+from spin_rl.scenes.layout import Layout, PoolSpec
+from spin_rl.sim import drive as drive_module
+from spin_rl.sim.reset import set_start_state
+from spin_rl.warp_kernels.contacts import part_contacts
+
+# Bits of mujoco_warp's Data.overflow that say that physics was dropped. The solver's iteration limits
+# (512 and 1024) are no losses: few iterations are a choice here.
+OVERFLOW_NAMES: dict[int, str] = {
+    1: "njmax",
+    2: "njmax_nnz",
+    4: "broadphase",
+    8: "narrowphase",
+    16: "ccd",
+}
+
+
+@dataclass(frozen=True)
+class SimConfig:
+    """Options of the batched physics.
+
+    Attributes:
+        timestep: Physics step [s].
+        substeps: Physics steps per control step; the control period is their product.
+        iterations: Constraint solver iterations.
+        ls_iterations: Line-search iterations.
+        contacts_per_world: Contacts allocated per world, on average over the worlds.
+        constraints_per_world: Constraint rows allocated for each world.
+    """
+
+    timestep: float = 0.02
+    substeps: int = 5
+    iterations: int = 4
+    ls_iterations: int = 8
+    contacts_per_world: int = 24
+    constraints_per_world: int = 96
+
+    def __post_init__(self) -> None:
+        """Reject values that physics cannot run with."""
+        if not 0.0 < self.timestep <= 0.05:
+            raise ValueError(f"sim.timestep must be in (0, 0.05] s, got {self.timestep}")
+        for name in (
+            "substeps",
+            "iterations",
+            "ls_iterations",
+            "contacts_per_world",
+            "constraints_per_world",
+        ):
+            if getattr(self, name) < 1:
+                raise ValueError(f"sim.{name} must be at least 1, got {getattr(self, name)}")
+
+    @property
+    def control_period(self) -> float:
+        """Time between two actions [s]."""
+        return self.timestep * self.substeps
+
+
+@dataclass
+class Dynamics:
+    """Per-world servo parameters, randomized at reset.
+
+    Attributes:
+        lag: Time constants of base and joints [s], shape (nworld, 2).
+        speed_scale: Factor on every speed limit, shape (nworld,).
+    """
+
+    lag: wp.array
+    speed_scale: wp.array
+
+
+@dataclass
+class Contacts:
+    """What the robot touched during the last control step.
+
+    Attributes:
+        parts: Whether a part of `robot.PARTS` touched the scene or the floor, shape (nworld, 6), bool.
+        self_contact: Whether the gripper or wrist touched the base, shape (nworld,), bool.
+    """
+
+    parts: wp.array
+    self_contact: wp.array
+
+
+@dataclass
+class Views:
+    """Zero-copy Torch views of simulator memory; see the Warp arrays of the same names."""
+
+    qpos: torch.Tensor
+    qvel: torch.Tensor
+    site_pos: torch.Tensor
+    action: torch.Tensor
+    base_velocity: torch.Tensor
+    part_contacts: torch.Tensor
+    self_contact: torch.Tensor
+    goal: torch.Tensor
+
+
+class Simulation:
+    """The batched robot in its scenes.
+
+    Arrays are allocated here once and never replaced: captured graphs keep their addresses. All methods but
+    the constructor only launch kernels, so that a task can capture them with its own in one graph.
+    """
+
+    def __init__(
+        self, nworld: int, pool: PoolSpec, profile: robot.SpeedProfile, config: SimConfig, device: str
+    ) -> None:
+        """Compile the model and allocate every world.
+
+        Args:
+            nworld: Number of worlds.
+            pool: Scene geoms that every world has.
+            profile: Speed limits of the robot.
+            config: Physics options.
+            device: Warp device, "cpu" or "cuda:N".
+        """
+        self.nworld = nworld
+        self.device = device
+        self.config = config
+        self.layout = Layout(nworld, pool, device)
+        self.mj_model = _compile(pool, config)
+        with wp.ScopedDevice(device):
+            fields = ("geom_size", "geom_rbound", "geom_aabb")
+            self.model = mjw.put_model(self.mj_model, batch_sizes=dict.fromkeys(fields, nworld))
+            self.model.opt.warn_overflow = 0
+            self.data = mjw.make_data(
+                self.mj_model,
+                nworld=nworld,
+                nconmax=config.contacts_per_world,
+                njmax=config.constraints_per_world,
+            )
+            self.action = wp.zeros((nworld, len(robot.ACTIONS)), dtype=float)
+            self.base_velocity = wp.zeros((nworld, 2), dtype=float)
+            self.dynamics = Dynamics(
+                lag=wp.array(
+                    [[profile.base_time_constant, profile.joint_time_constant]] * nworld, dtype=float
+                ),
+                speed_scale=wp.full(nworld, 1.0, dtype=float),
+            )
+            self.contacts = Contacts(
+                parts=wp.zeros((nworld, len(robot.PARTS)), dtype=bool),
+                self_contact=wp.zeros(nworld, dtype=bool),
+            )
+            self._scene_geoms = wp.array(
+                [self.mj_model.geom(name).id for name in pool.geom_names()], dtype=wp.int32
+            )
+            self._geom_part = wp.array(_geom_parts(self.mj_model), dtype=wp.int32)
+            # Everything that belongs to the world body: the floor and the scene pool.
+            self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
+            self._limits = drive_module.DriveLimits.create(profile, device)
+        self.views = Views(
+            qpos=wp.to_torch(self.data.qpos),
+            qvel=wp.to_torch(self.data.qvel),
+            site_pos=wp.to_torch(self.data.site_xpos),
+            action=wp.to_torch(self.action),
+            base_velocity=wp.to_torch(self.base_velocity),
+            part_contacts=wp.to_torch(self.contacts.parts),
+            self_contact=wp.to_torch(self.contacts.self_contact),
+            goal=wp.to_torch(self.layout.goal),
+        )
+
+    def advance(self) -> None:
+        """Run one control step: drive and physics for every substep, then flag contacts.
+
+        Contacts are those of the last substep's start state, so a flag is up to one substep old; a robot that
+        drives into something keeps touching it.
+        """
+        for _ in range(self.config.substeps):
+            drive_module.drive(
+                self._limits,
+                self.config.timestep,
+                lag=self.dynamics.lag,
+                speed_scale=self.dynamics.speed_scale,
+                action=self.action,
+                qpos=self.data.qpos,
+                base_velocity=self.base_velocity,
+                ctrl=self.data.ctrl,
+            )
+            mjw.step(self.model, self.data)
+        part_contacts(
+            self.data.contact.geom,
+            self.data.contact.worldid,
+            self.data.contact.dist,
+            self.data.contact.type,
+            self.data.nacon,
+            self._geom_part,
+            self._geom_is_scene,
+            part_out=self.contacts.parts,
+            self_out=self.contacts.self_contact,
+        )
+
+    def reset(self, mask: wp.array) -> None:
+        """Put the masked worlds at their layout's start state and scene; the others are left alone.
+
+        Args:
+            mask: Worlds to reset, shape (nworld,), bool.
+        """
+        write_geoms(
+            self.layout,
+            self._scene_geoms,
+            self.data.geom_xpos,
+            self.data.geom_xmat,
+            self.model.geom_size,
+            self.model.geom_rbound,
+            self.model.geom_aabb,
+            mask,
+        )
+        mjw.reset_data(self.model, self.data, reset=mask)
+        set_start_state(
+            self._limits,
+            mask,
+            start=self.layout.start,
+            start_joints=self.layout.start_joints,
+            qpos=self.data.qpos,
+            base_velocity=self.base_velocity,
+            action=self.action,
+        )
+
+    def forward(self) -> None:
+        """Bring body, geom and site poses in line with the current positions."""
+        mjw.kinematics(self.model, self.data)
+
+
+def _geom_parts(model: mujoco.MjModel) -> list[int]:
+    """Return the index into `robot.PARTS` of every geom, -1 for those that are no collision geom of the robot."""
+    parts = []
+    for geom in range(model.ngeom):
+        collides = model.geom_bodyid[geom] > 0 and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+        name = model.geom(geom).name.rstrip("0123456789").rstrip("_")
+        parts.append(robot.PARTS.index(name) if collides else -1)
+    return parts
+
+
+def _compile(pool: PoolSpec, config: SimConfig) -> mujoco.MjModel:
+    """Compile the robot and an empty pool of scene geoms."""
+    spec = robot.load_spec()
+    add_pool(spec, pool)
+    spec.option.timestep = config.timestep
+    spec.option.iterations = config.iterations
+    spec.option.ls_iterations = config.ls_iterations
+    return spec.compile()

@@ -1,0 +1,1 @@
+"""Tasks as rsl_rl vector environments over the batched simulation."""

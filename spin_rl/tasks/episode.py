@@ -1,0 +1,179 @@
+"""Kernels that end and begin navigation episodes on the device."""
+
+import warp as wp
+
+RUNNING = wp.constant(0)
+SUCCESS = wp.constant(1)
+COLLISION = wp.constant(2)
+TIMEOUT = wp.constant(3)
+NON_FINITE = wp.constant(4)
+
+OUTCOMES = ("running", "success", "collision", "timeout", "non_finite")
+
+
+@wp.func
+def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
+    """Path length left to the goal [m]: straight, or along the two legs of an L-shaped corridor.
+
+    The legs lie along the world's axes, so the length along an L is the Manhattan distance: continuous, and
+    shrinking all the way around the corner, where the straight distance would reward driving into the wall.
+    """
+    dx = goal[0] - x
+    dy = goal[1] - y
+    if bend != 0:
+        return wp.abs(dx) + wp.abs(dy)
+    return wp.sqrt(dx * dx + dy * dy)
+
+
+@wp.kernel
+def _end_episodes(
+    # In
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    action: wp.array2d(dtype=float),
+    goal: wp.array(dtype=wp.vec2),
+    bend: wp.array(dtype=wp.int32),
+    part_contacts: wp.array2d(dtype=bool),
+    goal_tolerance: float,
+    max_length: int,
+    stop_on_collision: bool,
+    level_up: float,
+    level_down: float,
+    # In and out
+    episode_length: wp.array(dtype=wp.int32),
+    distance: wp.array(dtype=float),
+    level: wp.array(dtype=float),
+    # Out
+    progress_out: wp.array(dtype=float),
+    goal_distance_out: wp.array(dtype=float),
+    final_qpos_out: wp.array2d(dtype=float),
+    final_qvel_out: wp.array2d(dtype=float),
+    outcome_out: wp.array(dtype=wp.int32),
+    done_out: wp.array(dtype=bool),
+):
+    w = wp.tid()
+    episode_length[w] = episode_length[w] + 1
+
+    finite = bool(True)
+    for i in range(qpos.shape[1]):
+        final_qpos_out[w, i] = qpos[w, i]
+        final_qvel_out[w, i] = qvel[w, i]
+        if not wp.isfinite(qpos[w, i]) or not wp.isfinite(qvel[w, i]):
+            finite = False
+    for i in range(action.shape[1]):
+        if not wp.isfinite(action[w, i]):
+            finite = False
+
+    touched = bool(False)
+    for part in range(part_contacts.shape[1]):
+        if part_contacts[w, part]:
+            touched = True
+
+    outcome = RUNNING
+    if not finite:
+        outcome = NON_FINITE
+        # Zeros keep the rewards of this step finite; the world itself is reset below.
+        for i in range(qpos.shape[1]):
+            final_qpos_out[w, i] = 0.0
+            final_qvel_out[w, i] = 0.0
+        progress_out[w] = 0.0
+        goal_distance_out[w] = distance[w]
+    else:
+        now = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
+        straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
+        progress_out[w] = distance[w] - now
+        goal_distance_out[w] = straight
+        distance[w] = now
+        if touched and stop_on_collision:
+            outcome = COLLISION
+        elif straight < goal_tolerance:
+            outcome = SUCCESS
+        elif episode_length[w] >= max_length:
+            outcome = TIMEOUT
+    outcome_out[w] = outcome
+    done_out[w] = outcome != RUNNING
+    if outcome == SUCCESS:
+        level[w] = wp.min(level[w] + level_up, 1.0)
+    elif outcome != RUNNING:
+        level[w] = wp.max(level[w] - level_down, 0.0)
+
+
+@wp.kernel
+def _begin_episodes(
+    # In
+    mask: wp.array(dtype=bool),
+    qpos: wp.array2d(dtype=float),
+    goal: wp.array(dtype=wp.vec2),
+    bend: wp.array(dtype=wp.int32),
+    seed: wp.array(dtype=wp.int32),
+    lag_range: wp.array2d(dtype=float),
+    speed_range: wp.array(dtype=float),
+    # In and out
+    counter: wp.array(dtype=wp.int32),
+    # Out
+    episode_length_out: wp.array(dtype=wp.int32),
+    distance_out: wp.array(dtype=float),
+    lag_out: wp.array2d(dtype=float),
+    speed_scale_out: wp.array(dtype=float),
+):
+    w = wp.tid()
+    if not mask[w]:
+        return
+    episode_length_out[w] = 0
+    distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
+    rng = wp.rand_init(seed[0] + 7919, w * 1000003 + counter[w])
+    counter[w] = counter[w] + 1
+    lag_out[w, 0] = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
+    lag_out[w, 1] = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
+    speed_scale_out[w] = wp.randf(rng, speed_range[0], speed_range[1])
+
+
+@wp.kernel
+def _record_history(
+    # In
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    action: wp.array2d(dtype=float),
+    outcome: wp.array(dtype=wp.int32),
+    # In and out
+    cursor: wp.array(dtype=wp.int32),
+    history: wp.array3d(dtype=float),
+    # Out
+    dump_count_out: wp.array(dtype=wp.int32),
+    dump_out: wp.array3d(dtype=float),
+):
+    w = wp.tid()
+    nq = qpos.shape[1]
+    nv = qvel.shape[1]
+    row = cursor[w]
+    for i in range(nq):
+        history[w, row, i] = qpos[w, i]
+    for i in range(nv):
+        history[w, row, nq + i] = qvel[w, i]
+    for i in range(action.shape[1]):
+        history[w, row, nq + nv + i] = action[w, i]
+    length = history.shape[1]
+    cursor[w] = (row + 1) % length
+    if outcome[w] == NON_FINITE:
+        slot = wp.atomic_add(dump_count_out, 0, 1)
+        if slot < dump_out.shape[0]:
+            # Oldest first, the state that went wrong last.
+            for k in range(length):
+                for i in range(history.shape[2]):
+                    dump_out[slot, k, i] = history[w, (row + 1 + k) % length, i]
+        # States of one episode only: the next one starts with an empty record.
+        for k in range(length):
+            for i in range(history.shape[2]):
+                history[w, k, i] = 0.0
+
+
+@wp.kernel
+def _count_overflow(
+    overflow: wp.array(dtype=wp.int32),
+    bits: wp.array(dtype=wp.int32),
+    count_out: wp.array(dtype=wp.int32),
+):
+    w = wp.tid()
+    for i in range(bits.shape[0]):
+        if (overflow[w] & bits[i]) != 0:
+            wp.atomic_add(count_out, i, 1)

@@ -1,0 +1,84 @@
+"""What went wrong in physics: non-finite worlds with their recent states, and overflows by cause."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from spin_rl.sim.simulation import OVERFLOW_NAMES, Simulation
+from spin_rl.tasks import episode
+
+HISTORY_STEPS = 8
+MAX_DUMPS = 8
+
+
+class HealthMonitor:
+    """Counts on the device; nothing is read back until `read` or `dump`.
+
+    A world whose positions, velocities or action turn non-finite is reset by the task like any other that
+    ended, and training goes on; its last control steps are kept for a look. Overflow means that mujoco_warp
+    dropped contacts or constraints of a world in the last substep of a control step.
+    """
+
+    def __init__(self, sim: Simulation, outcome: wp.array) -> None:
+        """Allocate records for every world.
+
+        Args:
+            sim: The simulation to watch.
+            outcome: Episode outcomes of the task, shape (nworld,).
+        """
+        self._sim = sim
+        self._outcome = outcome
+        width = sim.data.qpos.shape[1] + sim.data.qvel.shape[1] + sim.action.shape[1]
+        with wp.ScopedDevice(sim.device):
+            self._cursor = wp.zeros(sim.nworld, dtype=wp.int32)
+            self._history = wp.zeros((sim.nworld, HISTORY_STEPS, width), dtype=float)
+            self._dump_count = wp.zeros(1, dtype=wp.int32)
+            self._dump = wp.zeros((MAX_DUMPS, HISTORY_STEPS, width), dtype=float)
+            self._bits = wp.array(list(OVERFLOW_NAMES), dtype=wp.int32)
+            self._overflow_count = wp.zeros(len(OVERFLOW_NAMES), dtype=wp.int32)
+
+    def launch(self) -> None:
+        """Record this control step; runs in the step graph after episodes ended and before the reset."""
+        sim = self._sim
+        wp.launch(
+            episode._record_history,
+            dim=sim.nworld,
+            inputs=[sim.data.qpos, sim.data.qvel, sim.action, self._outcome, self._cursor, self._history],
+            outputs=[self._dump_count, self._dump],
+        )
+        wp.launch(
+            episode._count_overflow,
+            dim=sim.nworld,
+            inputs=[sim.data.overflow, self._bits],
+            outputs=[self._overflow_count],
+        )
+
+    def read(self) -> dict[str, float]:
+        """Return and clear the number of overflows by cause, as `overflow/<cause>`."""
+        counts = self._overflow_count.numpy()
+        self._overflow_count.zero_()
+        return {f"overflow/{name}": float(n) for name, n in zip(OVERFLOW_NAMES.values(), counts, strict=True)}
+
+    def dump(self, folder: Path) -> list[Path]:
+        """Write one .npz per non-finite world since the last call (at most MAX_DUMPS) and clear the record.
+
+        Each file has `qpos`, `qvel` and `action` of the last control steps, oldest first, shape (8, ...).
+        """
+        count = min(int(self._dump_count.numpy()[0]), MAX_DUMPS)
+        if count == 0:
+            return []
+        records = self._dump.numpy()
+        self._dump_count.zero_()
+        folder.mkdir(parents=True, exist_ok=True)
+        nq, nv = self._sim.data.qpos.shape[1], self._sim.data.qvel.shape[1]
+        files = []
+        for i in range(count):
+            path = folder / f"non_finite_{time.time_ns()}_{i}.npz"
+            qpos, qvel, action = np.split(records[i], [nq, nq + nv], axis=1)
+            np.savez_compressed(path, qpos=qpos, qvel=qvel, action=action)
+            files.append(path)
+        return files

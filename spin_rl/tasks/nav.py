@@ -1,0 +1,393 @@
+"""The navigation task: drive through clutter to a goal, seeing only what the camera sees (SPIN 2.1.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+import warp as wp
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
+from spin_rl import robot
+from spin_rl.scenes.generator import GeneratorParams, generate_layouts
+from spin_rl.scenes.layout import PoolSpec
+from spin_rl.sensors.scandots import Scandots
+from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.graph import StepGraph
+from spin_rl.tasks import episode, rewards
+from spin_rl.tasks.health import HealthMonitor
+from spin_rl.tasks.observations import NavObservations, NoiseConfig
+from spin_rl.tasks.statistics import EpisodeStatistics
+
+
+@dataclass(frozen=True)
+class CurriculumConfig:
+    """How the training level of a world moves with its episodes.
+
+    Attributes:
+        enabled: Whether levels move; otherwise every world stays at `start`.
+        start: Level of a new world in [0, 1]; 1 is the benchmark's corridor.
+        up: Step up after a success.
+        down: Step down after a failure.
+    """
+
+    enabled: bool = True
+    start: float = 0.0
+    up: float = 0.1
+    down: float = 0.05
+
+
+@dataclass(frozen=True)
+class DynamicsConfig:
+    """Ranges of the servo parameters drawn at the start of each episode.
+
+    Attributes:
+        base_lag_s: Time constant of the base velocity [s].
+        joint_lag_s: Time constant of the joints [s].
+        speed_scale: Factor on all speed limits.
+    """
+
+    base_lag_s: tuple[float, float] = (0.1, 0.2)
+    joint_lag_s: tuple[float, float] = (0.08, 0.15)
+    speed_scale: tuple[float, float] = (0.8, 1.0)
+
+    def __post_init__(self) -> None:
+        """Reject ranges that the servos cannot have."""
+        for name in ("base_lag_s", "joint_lag_s", "speed_scale"):
+            low, high = getattr(self, name)
+            if not 0.0 < low <= high:
+                raise ValueError(f"dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")
+
+
+@dataclass(frozen=True)
+class ScandotsConfig:
+    """What the camera can see of the obstacles' corners.
+
+    Attributes:
+        window_m: Half side of the square local window around the base [m] (paper, Implementation Details: 2 m).
+        near_m: Smallest depth that the camera sees [m].
+        occlusion: Whether obstacles hide corners behind them, as they do in a depth image.
+    """
+
+    window_m: float = 2.0
+    near_m: float = 0.1
+    occlusion: bool = True
+
+
+@dataclass(frozen=True)
+class NavConfig:
+    """Everything that defines the navigation task.
+
+    Attributes:
+        robot_profile: Key of `robot.SPEED_PROFILES`.
+        camera_mount: "portrait" (as built) or "landscape" (the paper's text).
+        episode_s: Time limit of an episode [s].
+        goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
+        stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
+        scenario: 1 straight, 2 L-shaped, 0 a mix of both.
+        difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
+        reward: Scale of each reward term.
+        scene: Parameters of the layout generator.
+        scandots: Visibility options.
+        curriculum: Movement of the training level.
+        dynamics: Randomization of servos.
+        noise: Sensor noise.
+        sim: Physics options.
+    """
+
+    robot_profile: str = "paper"
+    camera_mount: str = "portrait"
+    episode_s: float = 30.0
+    goal_tolerance_m: float = 0.15
+    stop_on_collision: bool = True
+    scenario: int = 0
+    difficulty: int = -1
+    reward: dict[str, float] = field(
+        default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
+    )
+    scene: GeneratorParams = field(default_factory=GeneratorParams)
+    scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    sim: SimConfig = field(default_factory=SimConfig)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        if self.robot_profile not in robot.SPEED_PROFILES:
+            raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
+        if self.episode_s <= self.sim.control_period:
+            raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
+        if self.goal_tolerance_m <= 0.0:
+            raise ValueError(f"task.goal_tolerance_m must be positive, got {self.goal_tolerance_m}")
+        if self.scenario not in (0, 1, 2):
+            raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
+        if self.difficulty not in (-1, 0, 1, 2):
+            raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
+        rewards.check_scales(self.reward)
+
+
+class NavEnv(VecEnv):
+    """Navigation in all worlds at once, as an rsl_rl vector environment.
+
+    One captured graph per step runs physics, ends episodes, draws new layouts for the worlds that ended and
+    updates the sensors; rewards and observations are Torch functions of the same memory. Observations returned
+    by `step` are those of the new episode where one ended; `last_transition` and `outcome` describe the step
+    itself. The observation groups are documented in `observations.py`.
+    """
+
+    def __init__(
+        self, cfg: NavConfig, num_envs: int, device: str = "cpu", seed: int = 0, *, capture: bool = True
+    ) -> None:
+        """Allocate all worlds, compile kernels and start every episode.
+
+        Args:
+            cfg: Task configuration.
+            num_envs: Number of worlds.
+            device: Warp and Torch device.
+            seed: Seed of layouts, start poses, dynamics and sensor noise.
+            capture: False launches kernels eagerly.
+        """
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        self.cfg = cfg
+        self.num_envs = num_envs
+        self.num_actions = len(robot.ACTIONS)
+        self.device = device
+        self.max_episode_length = round(cfg.episode_s / cfg.sim.control_period)
+        self.sim = Simulation(num_envs, PoolSpec(), robot.SPEED_PROFILES[cfg.robot_profile], cfg.sim, device)
+        with wp.ScopedDevice(device):
+            self._allocate(cfg, seed)
+        self.scandots = Scandots(
+            self.sim.layout,
+            qpos=self.sim.data.qpos,
+            site_xpos=self.sim.data.site_xpos,
+            site_xmat=self.sim.data.site_xmat,
+            camera_site=self.sim.mj_model.site("camera_depth_optical_frame").id,
+            tan_half_fov=robot.camera_tan_half_fov(cfg.camera_mount),
+            window=cfg.scandots.window_m,
+            near=cfg.scandots.near_m,
+            occlusion=cfg.scandots.occlusion,
+        )
+        self.health = HealthMonitor(self.sim, self._outcome)
+        self.observations = NavObservations(self.sim, self.scandots, cfg.noise, seed)
+        self.statistics = EpisodeStatistics(num_envs, tuple(rewards.check_scales(cfg.reward)), device)
+        self._reward_scales = rewards.check_scales(cfg.reward)
+        self.last_transition: rewards.Transition | None = None
+        self._make_views()
+        # The eager pass compiles every kernel; its step is undone by the reset.
+        with wp.ScopedDevice(device):
+            self._launch_step()
+        self.level.fill_(cfg.curriculum.start)
+        self.reseed(seed)
+        self.reset()
+        self._graph = StepGraph(self._launch_step, device, capture=capture)
+
+    def _allocate(self, cfg: NavConfig, seed: int) -> None:
+        n = self.num_envs
+        self._scenario_choice = wp.full(n, cfg.scenario, dtype=wp.int32)
+        self._difficulty_choice = wp.full(n, cfg.difficulty, dtype=wp.int32)
+        self._level = wp.full(n, cfg.curriculum.start, dtype=float)
+        self._layout_counter = wp.zeros(n, dtype=wp.int32)
+        self._seed = wp.array([seed], dtype=wp.int32)
+        self._counter = wp.zeros(n, dtype=wp.int32)
+        self._lag_range = wp.array([cfg.dynamics.base_lag_s, cfg.dynamics.joint_lag_s], dtype=float)
+        self._speed_range = wp.array(cfg.dynamics.speed_scale, dtype=float)
+        self._episode_length = wp.zeros(n, dtype=wp.int32)
+        self._distance = wp.zeros(n, dtype=float)
+        self._progress = wp.zeros(n, dtype=float)
+        self._goal_distance = wp.zeros(n, dtype=float)
+        self._final_qpos = wp.zeros_like(self.sim.data.qpos)
+        self._final_qvel = wp.zeros_like(self.sim.data.qvel)
+        self._outcome = wp.zeros(n, dtype=wp.int32)
+        self._done = wp.zeros(n, dtype=bool)
+        self._all = wp.full(n, True, dtype=bool)
+
+    def _make_views(self) -> None:
+        self.episode_length_buf = wp.to_torch(self._episode_length)
+        self.outcome = wp.to_torch(self._outcome)
+        self.level = wp.to_torch(self._level)
+        self._views = {
+            "progress": wp.to_torch(self._progress),
+            "goal_distance": wp.to_torch(self._goal_distance),
+            "qpos": wp.to_torch(self._final_qpos),
+            "qvel": wp.to_torch(self._final_qvel),
+            "done": wp.to_torch(self._done),
+        }
+        # The goal before the step: layouts of worlds that ended have changed by the time rewards are computed.
+        self._goal_before = torch.zeros_like(self.sim.views.goal)
+        self._last_action = torch.zeros_like(self.sim.views.action)
+
+    def _launch_step(self) -> None:
+        """Everything of one control step that happens on the device before rewards and observations."""
+        sim, cfg = self.sim, self.cfg
+        sim.advance()
+        moves = cfg.curriculum if cfg.curriculum.enabled else CurriculumConfig(up=0.0, down=0.0)
+        wp.launch(
+            episode._end_episodes,
+            dim=self.num_envs,
+            inputs=[
+                sim.data.qpos,
+                sim.data.qvel,
+                sim.action,
+                sim.layout.goal,
+                sim.layout.bend,
+                sim.contacts.parts,
+                cfg.goal_tolerance_m,
+                self.max_episode_length,
+                cfg.stop_on_collision,
+                moves.up,
+                moves.down,
+                self._episode_length,
+                self._distance,
+                self._level,
+            ],
+            outputs=[
+                self._progress,
+                self._goal_distance,
+                self._final_qpos,
+                self._final_qvel,
+                self._outcome,
+                self._done,
+            ],
+        )
+        self.health.launch()
+        self._launch_reset(self._done)
+
+    def _launch_reset(self, mask: wp.array) -> None:
+        sim = self.sim
+        generate_layouts(
+            sim.layout,
+            self.cfg.scene,
+            seed=self._seed,
+            counter=self._layout_counter,
+            mask=mask,
+            scenario_choice=self._scenario_choice,
+            difficulty_choice=self._difficulty_choice,
+            level=self._level,
+        )
+        sim.reset(mask)
+        wp.launch(
+            episode._begin_episodes,
+            dim=self.num_envs,
+            inputs=[
+                mask,
+                sim.data.qpos,
+                sim.layout.goal,
+                sim.layout.bend,
+                self._seed,
+                self._lag_range,
+                self._speed_range,
+                self._counter,
+            ],
+            outputs=[self._episode_length, self._distance, sim.dynamics.lag, sim.dynamics.speed_scale],
+        )
+        sim.forward()
+        self.scandots.update()
+
+    def _launch_reset_all(self) -> None:
+        self._launch_reset(self._all)
+
+    def set_cells(self, scenario: torch.Tensor | list[int], difficulty: torch.Tensor | list[int]) -> None:
+        """Fix scenario and difficulty of every world, from its next episode on.
+
+        Args:
+            scenario: 1 straight, 2 L-shaped, 0 a mix, shape (num_envs,).
+            difficulty: 0 easy, 1 medium, 2 hard, -1 a mix, shape (num_envs,).
+        """
+        for name, values in (("scenario", scenario), ("difficulty", difficulty)):
+            view = wp.to_torch(getattr(self, f"_{name}_choice"))
+            view.copy_(torch.as_tensor(values, dtype=torch.int32))
+
+    def reseed(self, seed: int) -> None:
+        """Restart all random numbers; the next episodes are those of a new environment with this seed."""
+        self._seed.fill_(seed)
+        self._layout_counter.zero_()
+        self._counter.zero_()
+        self.observations.reseed(seed)
+
+    def reset(self) -> TensorDict:
+        """Start a new episode in every world and return its first observations."""
+        with wp.ScopedDevice(self.device):
+            self._launch_reset_all()
+        return self.get_observations()
+
+    def get_observations(self) -> TensorDict:
+        """Return the current observation groups, each of shape (num_envs, dim), float32."""
+        return self.observations.compute()
+
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict]:
+        """Apply actions for one control period.
+
+        Args:
+            actions: In [-1, 1] (clipped), `robot.ACTIONS` order, shape (num_envs, 10).
+
+        Returns:
+            Observations, rewards (num_envs,), dones (num_envs,) int64, and extras with `time_outs`
+            (num_envs,) bool.
+        """
+        action_view = self.sim.views.action
+        self._last_action.copy_(action_view)
+        self._goal_before.copy_(self.sim.views.goal)
+        action_view.copy_(actions.clamp(-1.0, 1.0))
+        action = action_view.clone()
+        self._graph.replay()
+
+        self.last_transition = self._transition(action)
+        terms = {
+            name: scale * rewards.TERMS[name](self.last_transition)
+            for name, scale in self._reward_scales.items()
+        }
+        reward = torch.stack(tuple(terms.values())).sum(0)
+        timeout = self.outcome == episode.TIMEOUT
+        done = self._views["done"]
+        self.statistics.add(self, reward, terms)
+        return self.get_observations(), reward, done.long(), {"time_outs": timeout}
+
+    def _transition(self, action: torch.Tensor) -> rewards.Transition:
+        qpos, qvel = self._views["qpos"], self._views["qvel"]
+        to_goal = self._goal_before - qpos[:, :2]
+        direction = to_goal / to_goal.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+        return rewards.Transition(
+            progress=self._views["progress"],
+            goal_distance=self._views["goal_distance"],
+            goal_speed=(qvel[:, :2] * direction).sum(-1),
+            qvel=qvel,
+            success=self.outcome == episode.SUCCESS,
+            collision=self.sim.views.part_contacts.any(-1),
+            self_contact=self.sim.views.self_contact,
+            action=action,
+            last_action=self._last_action,
+        )
+
+    def episode_stats(self) -> dict[str, float]:
+        """Read and clear what happened since the last call; the only call here that waits for the device."""
+        stats = self.statistics.read()
+        stats["level"] = float(self.level.mean())
+        return stats | self.health.read()
+
+    def dump_non_finite(self, folder: Path) -> list[Path]:
+        """Write the recent states of worlds that turned non-finite since the last call; return the files."""
+        return self.health.dump(folder)
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return what a resumed training needs: curriculum levels and random-number counters."""
+        return {
+            "level": self.level.cpu().clone(),
+            "layout_counter": wp.to_torch(self._layout_counter).cpu().clone(),
+            "dynamics_counter": wp.to_torch(self._counter).cpu().clone(),
+        } | self.observations.state_dict()
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore `state_dict` and start new episodes; another number of worlds keeps the mean level."""
+        saved = state["level"]
+        if saved.shape[0] == self.num_envs:
+            self.level.copy_(saved)
+            wp.to_torch(self._layout_counter).copy_(state["layout_counter"])
+            wp.to_torch(self._counter).copy_(state["dynamics_counter"])
+        else:
+            self.level.fill_(float(saved.mean()))
+        self.observations.load_state_dict(state)
+        self.reset()

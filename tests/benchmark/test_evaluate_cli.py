@@ -1,0 +1,73 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from spin_rl.cli import evaluate
+
+
+def run_main(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["spin-eval", *arguments])
+    evaluate.main()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["policy=no-such-policy"], "policy"),
+        ([], "policy"),
+        (["policy=zero", "benchmark=dance"], "benchmark: unknown 'dance'; choose from reach"),
+        (["policy=zero", "episodes=0"], "episodes: at least 1"),
+        (["policy=zero", "episodes=many"], "episodes: expected a whole number"),
+        (["policy=zero", "seeds=3"], "seeds: expected a list"),
+        (["policy=zero", "seeds=[]"], "seeds: at least one"),
+        (["policy=zero", "seeds=[1,1]"], "seeds: every seed"),
+        (["policy=zero", "num_envs=0"], "num_envs: at least 1"),
+        (["policy=zero", "device=tpu"], "device: unknown device 'tpu'"),
+        (["policy=zero", "scene=missing.yaml"], "scene: there is no file missing.yaml"),
+        (["policy=zero", "out=."], "out: . is a folder"),
+        (["policy=zero", "task.episode_s=-1"], "task.episode_s must exceed"),
+        (["policy=zero", "task.camera_mount=sideways"], "camera_mount"),
+        (["policy=zero", "epsiodes=3"], "epsiodes"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stopped:
+        run_main(monkeypatch, *arguments)
+    assert stopped.value.code == 2
+    error = capfd.readouterr().err.strip()
+    assert error.startswith("spin-eval: error: ") and expected in error
+    assert "\n" not in error
+
+
+def test_scene_is_a_file_or_the_group():
+    assert evaluate._scene_file("scene=rooms/kitchen.yaml") == "scene_file=rooms/kitchen.yaml"
+    assert evaluate._scene_file("scene=nav") == "scene=nav"
+    assert evaluate._scene_file("scene.width=1.2") == "scene.width=1.2"
+    assert evaluate._scene_file("policy=zero") == "policy=zero"
+
+
+def test_zero_policy_end_to_end(device, tmp_path):
+    # The episodes are cut short: no robot that stands still reaches anything.
+    out = tmp_path / "new" / "reach.json"
+    command = [sys.executable, "-m", "spin_rl.cli.evaluate", "policy=zero", "episodes=1", "seeds=[0,1]",
+               f"device={device}", f"out={out}", "num_envs=4", "task.episode_s=0.5"]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.strip().splitlines()
+    assert lines[-1].startswith(f"Wrote {out}")
+    assert any("SPIN (CVO)" in line for line in lines)
+    result = json.loads(out.read_text())
+    assert result["policy"] == "zero" and result["benchmark"] == "reach"
+    assert result["seeds"] == [0, 1] and result["num_envs"] == 3
+    assert [(row["scenario"], row["difficulty"]) for row in result["rows"]] == [
+        (1, "easy"), (1, "medium"), (1, "hard"), (2, "easy"), (2, "medium"), (2, "hard")
+    ]  # fmt: skip
+    for row in result["rows"]:
+        assert row["episodes"] == 2
+        assert row["success_rate"] == 0.0 and row["duration_s"] is None
+        assert row["timeout_rate"] == 1.0 and row["causes"]["timeout"] == 1.0
+        assert row["duration_all_s"] == pytest.approx(0.5)
+        assert row["final_distance_m"] > 2.0

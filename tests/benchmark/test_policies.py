@@ -1,0 +1,25 @@
+import torch
+from tensordict import TensorDict
+
+from spin_rl.benchmark import policies
+
+OBS = TensorDict({"proprio": torch.zeros(5, 31)}, batch_size=[5])
+
+
+def test_zero_policy():
+    policy = policies.factory("zero")(OBS, "cpu")
+    policy.reset(torch.ones(5))
+    assert torch.equal(policy(OBS), torch.zeros(5, 10))
+
+
+def test_random_policy_is_in_range_and_repeatable():
+    first, second = (policies.factory("random")(OBS, "cpu") for _ in range(2))
+    actions = torch.stack([first(OBS) for _ in range(200)])
+    assert actions.shape == (200, 5, 10)
+    assert -1.0 <= actions.min() < -0.95 and 0.95 < actions.max() <= 1.0
+    assert actions.mean().abs() < 0.05
+    assert torch.equal(second(OBS), actions[0])
+
+
+def test_untrained_policies_have_no_configuration():
+    assert policies.training_config("zero") == policies.training_config("random") == {}
