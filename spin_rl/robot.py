@@ -30,7 +30,7 @@ JOINTS = (
 """The 8 joints that a policy commands; lift and arm_extension in metres, the rest in radians."""
 
 ACTIONS = ("base_forward", "base_turn", *JOINTS)
-"""The 10 actions, each in [-1, 1] (paper, section IV: 10 actuated degrees of freedom)."""
+"""The 10 actions, each in [-1, 1] (paper, "Experimental Setup": 10 actuated joints)."""
 
 DOF_NAMES = (
     "base_x",
@@ -85,6 +85,14 @@ STOWED: Mapping[str, float] = MappingProxyType(
         "head_tilt": -0.6,
     }
 )
+"""The pose to drive in: the gripper folded back over the base.
+
+Chosen among wrist yaws 1.6 to 3.4 and pitches -1.57 to 0.5 by the collision geoms' footprint. All of them
+lie within the base box (x -0.288 to 0.060 m, y -0.182 to 0.183 m) but for 9 mm on the right (wrist, gripper)
+and 6 mm in front (wrist); the farthest point from the wheel axis' middle is the base's own rear corner,
+0.341 m. The hand clears the mast by 26 mm and the base by 96 mm. A level gripper (pitch 0) would hit the
+mast at every yaw that keeps it above the base.
+"""
 
 CAMERA_FOV_DEG = (87.0, 58.0)
 """Depth field of view of the Intel D435i along the sensor's long and short side."""
@@ -122,9 +130,9 @@ class SpeedProfile:
 
 SPEED_PROFILES: Mapping[str, SpeedProfile] = MappingProxyType(
     {
-        # Speeds that the paper's episode durations ask for; faster than the stock robot.
+        # Faster than the stock robot: the paper gives no limits, so these are this project's choice.
         "paper": SpeedProfile(0.8, 0.1, 1.5, 2.0, (0.4, 0.5, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
-        # The stock robot.
+        # The stock robot's.
         "re1": SpeedProfile(0.3, 0.1, 1.0, 0.4, (0.15, 0.3, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
     }
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -9,6 +10,7 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.benchmark.reach import PolicyFactory
+from spin_rl.config import ConfigError
 from spin_rl.runners import policy_file
 
 UNTRAINED = ("zero", "random")
@@ -37,25 +39,28 @@ class RandomPolicy(ZeroPolicy):
         return torch.rand(shape, generator=self._rng, device=self._rng.device) * 2.0 - 1.0
 
 
-def factory(name: str) -> PolicyFactory:
-    """Find a policy and return a function that makes it for an environment.
+def open_policy(name: str) -> tuple[PolicyFactory, dict[str, Any]]:
+    """Find a policy.
 
     Args:
         name: Shipped policy, checkpoint, run directory, .safetensors file, `zero` or `random`.
 
+    Returns:
+        A function that makes the policy for an environment, and the configuration that it was trained with
+        (empty for `zero` and `random`).
+
     Raises:
-        ConfigError: There is no such policy.
+        ConfigError: There is no such policy, or it is damaged.
     """
     if name == "zero":
-        return lambda obs, device: ZeroPolicy()
+        return lambda obs, device: ZeroPolicy(), {}
     if name == "random":
-        return lambda obs, device: RandomPolicy(device)
-    policy_file.find(name)
-    return lambda obs, device: policy_file.load_policy(name, obs, device)
-
-
-def training_config(name: str) -> dict[str, Any]:
-    """Return the configuration that a policy was trained with, empty for `zero` and `random`."""
-    if name in UNTRAINED:
-        return {}
-    return policy_file.read_metadata(name).get("config", {})
+        return lambda obs, device: RandomPolicy(device), {}
+    try:
+        config = policy_file.read_policy(name)[1]["config"]
+    except FileNotFoundError as error:
+        untrained = "" if Path(name).exists() else f" Always there: {', '.join(UNTRAINED)}."
+        raise ConfigError(f"policy: {error}{untrained}") from None
+    except ValueError as error:
+        raise ConfigError(f"policy: {error}") from None
+    return lambda obs, device: policy_file.load_policy(name, obs, device), config

@@ -71,7 +71,7 @@ def evaluate_reach(
 ) -> dict[str, Any]:
     """Run the benchmark.
 
-    Every seed is a batch of its own, so its corridors depend on the seed and the number of worlds only.
+    Every seed is a batch of its own: its corridors depend on the seed and the number of worlds only.
 
     Args:
         make_policy: Makes the policy once observations exist.
@@ -98,11 +98,11 @@ def evaluate_reach(
     nworld = batch_size(len(cells) * episodes, num_envs, device)
     start = time.monotonic()
     per_cell: list[list[Episodes]] = [[] for _ in cells]
+    with announce(f"Starting {nworld} worlds on {device}") if announce else contextlib.nullcontext():
+        env = NavEnv(cfg, nworld, device, scene=scene)
+    policy = make_policy(env.get_observations(), device)
     for seed in seeds:
-        title = f"Starting {nworld} worlds on {device}, seed {seed}"
-        with announce(title) if announce else contextlib.nullcontext():
-            env = NavEnv(cfg, nworld, device, seed=seed, scene=scene)
-        policy = make_policy(env.reset(), device)
+        env.reseed(seed)
         groups = run_cells(
             env, policy, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
         )
@@ -233,6 +233,7 @@ def _run_round(env: NavEnv, policy: Policy, count: int, progress: _Progress) -> 
     for step in range(1, env.max_episode_length + 1):
         obs, _, done, _ = env.step(policy(obs))
         policy.reset(done)
+        assert env.last_transition is not None
         ended = running & (done > 0)
         outcome = torch.where(ended, env.outcome, outcome)
         steps = torch.where(ended, step, steps)
@@ -265,10 +266,10 @@ def evaluate_run(run_dir: Path, episodes: int, device: str, seeds: Sequence[int]
     from spin_rl.benchmark import policies, report, settings
     from spin_rl.tasks.build import env_config
 
-    cfg = settings.for_policy(settings.compose(), policies.training_config(str(run_dir)), overridden=())
-    result = evaluate_reach(
-        policies.factory(str(run_dir)), env_config(cfg), episodes, seeds, device, policy_name=str(run_dir)
-    )
+    make_policy, trained = policies.open_policy(str(run_dir))
+    cfg = settings.for_policy(settings.compose(), trained, overridden=())
+    print(f"Evaluating {run_dir} in {len(REACH_CELLS)} cells")
+    result = evaluate_reach(make_policy, env_config(cfg), episodes, seeds, device, policy_name=str(run_dir))
     print(report.table(result))
     path = Path(run_dir) / "reach.json"
     report.write_json(result, path)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from spin_rl.benchmark.paper import REACH
-from spin_rl.runners.checkpoint import atomic_write_text
+from spin_rl.runners.checkpoint import write_atomically
 
 _PAPER_ROWS = ("SPIN (CVO)", "FixCam")
 _MAX_CAUSES = 3
@@ -69,5 +69,5 @@ def write_json(result: dict[str, Any], path: Path) -> None:
 
     Rates and shares are in [0, 1], times in seconds, distances in metres.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    atomic_write_text(path, json.dumps(result, indent=2, allow_nan=False) + "\n")
+    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+    write_atomically(path, lambda file: file.write(text.encode()))

@@ -38,8 +38,8 @@ def evaluate(cfg: DictConfig) -> None:
     from spin_rl.benchmark import policies, reach, report, settings
 
     name = values["policy"]
-    make_policy = policies.factory(name)
-    cfg = settings.for_policy(cfg, policies.training_config(name), HydraConfig.get().overrides.task)
+    make_policy, trained = policies.open_policy(name)
+    cfg = settings.for_policy(cfg, trained, HydraConfig.get().overrides.task)
     scene = _load_scene(values["scene_file"])
     result = reach.evaluate_reach(
         make_policy,

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
+import yaml
 from omegaconf import DictConfig
 
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
-from spin_rl.runners.checkpoint import atomic_write_text
+from spin_rl.runners.checkpoint import resolve_checkpoint, write_atomically
 from spin_rl.tasks.build import env_config, plain
 
 
@@ -28,17 +29,15 @@ def train(cfg: DictConfig) -> None:
     reach benchmark of the result.
     """
     from spin_rl.runners.ppo import PPORunner
-    from spin_rl.runners.train_config import runner_config
     from spin_rl.tasks.nav import NavEnv
 
     values = plain(cfg)
     task = env_config(cfg)
-    learning = runner_config(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
     seed = int(values["seed"])
     if device == "cpu" and "WORLD_SIZE" not in os.environ:
-        torch.set_num_threads(os.cpu_count() or 1)
+        torch.set_num_threads(1)
     torch.manual_seed(seed)
 
     run_dir = _run_dir(values)
@@ -47,15 +46,16 @@ def train(cfg: DictConfig) -> None:
     with common.announced(f"Starting {values['num_envs']} worlds on {device}"):
         # Every process draws its own worlds.
         env = NavEnv(task, int(values["num_envs"]), device, seed=seed + 10_000 * rank)
-    runner = PPORunner(env, learning, run_dir, device)
+    learning = values["runner"] | {"seed": seed}
+    runner = PPORunner(env, learning, run_dir, device, snapshot=values)
     if values["resume"]:
-        runner.resume(values["resume"])
+        runner.load(resolve_checkpoint(values["resume"]))
     summary = runner.train(values["max_iterations"], values["max_minutes"])
     if not common.is_main_process():
         return
     summary |= {"device": device, "processes": int(os.environ.get("WORLD_SIZE", "1")), "seed": seed}
     path = run_dir / "summary.json"
-    atomic_write_text(path, json.dumps(summary, indent=2) + "\n")
+    _write_text(path, json.dumps(summary, indent=2) + "\n")
     print(f"Wrote {path}: success {summary['success_rate']:.2f} after {summary['env_steps']:,} env steps")
     if values["evaluate"]:
         from spin_rl.benchmark.reach import evaluate_run
@@ -75,9 +75,11 @@ def _run_dir(values: dict[str, Any]) -> Path:
 
 
 def _write_config(run_dir: Path, values: dict[str, Any]) -> None:
-    import yaml
+    _write_text(run_dir / "config.yaml", yaml.safe_dump(values, sort_keys=False))
 
-    atomic_write_text(run_dir / "config.yaml", yaml.safe_dump(values, sort_keys=False))
+
+def _write_text(path: Path, text: str) -> None:
+    write_atomically(path, lambda file: file.write(text.encode()))
 
 
 if __name__ == "__main__":

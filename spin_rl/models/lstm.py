@@ -15,9 +15,9 @@ LSTMState = tuple[torch.Tensor, torch.Tensor]
 class ResettableLSTM(nn.Module):
     """One LSTM layer for rollouts (one step) and for updates (sequences with resets inside).
 
-    `torch.nn.LSTM` cannot clear its state at an episode's end, so rsl_rl cuts every rollout into episodes and pads
-    them all to the full length. Here the state is cleared in place: no padding, no copy of the observations, no
-    hidden state stored per step, and no host synchronization.
+    `torch.nn.LSTM` cannot clear its state at an episode's end, so rsl_rl cuts every rollout into episodes
+    and pads them all to the full length. Here the state is cleared in place: no padding, no copy of the
+    observations, no hidden state stored per step, and no host synchronization.
     """
 
     def __init__(self, input_dim: int, hidden_dim: int) -> None:
@@ -43,7 +43,9 @@ class ResettableLSTM(nn.Module):
             Outputs, shape (num_steps, num_envs, hidden_dim).
         """
         keep = (~resets).unsqueeze(-1).to(x.dtype)
-        w_ih, w_hh, b_ih, b_hh = (getattr(self.rnn, f"{name}_l0") for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh"))
+        w_ih, w_hh, b_ih, b_hh = (
+            getattr(self.rnn, f"{name}_l0") for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+        )
         h, c = state[0].squeeze(0), state[1].squeeze(0)
         if x.is_cuda:  # the fused cell is one kernel there
             out = []
@@ -66,14 +68,24 @@ class ResettableLSTM(nn.Module):
 class _LSTMSequence(torch.autograd.Function):
     """An LSTM layer with resets on the CPU, with hand-written gradients.
 
-    Autograd would run one product per step for each weight gradient and keep every intermediate result; here each
-    weight gradient is one product over the whole sequence, and the gates' memory is reused for their gradients.
+    Autograd would run one product per step for each weight gradient and keep every intermediate result;
+    here each weight gradient is one product over the whole sequence, and the gates' memory is reused for
+    their gradients.
     """
 
     @staticmethod
-    def forward(ctx: Any, x: torch.Tensor, h: torch.Tensor, c: torch.Tensor, keep: torch.Tensor,
-                w_ih: torch.Tensor, w_hh: torch.Tensor, b_ih: torch.Tensor, b_hh: torch.Tensor) -> torch.Tensor:
-        """Input (T, N, D), state (N, H), keep (T, N, 1) of zeros and ones, weights of nn.LSTM -> (T, N, H)."""
+    def forward(
+        ctx: Any,
+        x: torch.Tensor,
+        h: torch.Tensor,
+        c: torch.Tensor,
+        keep: torch.Tensor,
+        w_ih: torch.Tensor,
+        w_hh: torch.Tensor,
+        b_ih: torch.Tensor,
+        b_hh: torch.Tensor,
+    ) -> torch.Tensor:
+        """Map input (T, N, D), state (N, H), keep (T, N, 1), zeros and ones, and weights to (T, N, H)."""
         num_steps, num_envs, _ = x.shape
         dim = w_hh.shape[1]
         gates = functional.linear(x, w_ih, b_ih + b_hh)

@@ -28,14 +28,18 @@ class PointNet(nn.Module):
     """
 
     def __init__(
-        self, token_dim: int = 32, hidden: Sequence[int] = (64, 64), latent: int = 16, activation: str = "relu"
+        self,
+        token_dim: int = 32,
+        hidden: Sequence[int] = (64, 64),
+        latent: int = 16,
+        activation: str = "relu",
     ) -> None:
         super().__init__()
         self.latent = latent
         self.mlp = token_mlp(token_dim, hidden, latent, activation)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Encode tokens of shape (..., num_tokens, token_dim) as (..., latent); zeros where no token is valid.
+        """Encode tokens (..., num_tokens, token_dim) as (..., latent); zeros where no token is valid.
 
         A token is valid if any of its flags, its last eight numbers, is set.
         """

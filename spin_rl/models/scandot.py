@@ -20,8 +20,8 @@ TOKEN_DIM = 32
 class ScandotModel(MLPModel):
     """Feed-forward model: flat groups, normalized, with a latent for each scandot group, then an MLP.
 
-    Scandot groups are those whose name starts with "scandots". They are in metres with zeros for what is not seen,
-    so only the other groups are normalized.
+    Scandot groups are those whose name starts with "scandots". They are in metres with zeros for what is
+    not seen, so only the other groups are normalized.
     """
 
     def __init__(
@@ -72,12 +72,15 @@ class ScandotModel(MLPModel):
             distribution_cfg,
         )
         if not hidden_dims:
-            self.mlp = token_mlp(self._get_latent_dim(), (), self.mlp[-1].out_features, activation)  # type: ignore
+            num_outputs = self.mlp[-1].out_features
+            self.mlp = token_mlp(self._get_latent_dim(), (), num_outputs, activation)  # type: ignore
         encoders: dict[str, nn.Module] = {}
         for group in filter(_is_scandots, groups):
             num_tokens, rest = divmod(obs[group].shape[-1], TOKEN_DIM)
             if rest:
-                raise ValueError(f"Observation group '{group}' is not a whole number of {TOKEN_DIM}-float tokens.")
+                raise ValueError(
+                    f"Observation group '{group}' is not a whole number of {TOKEN_DIM}-float tokens."
+                )
             if encoder == "pointnet":
                 encoders[group] = PointNet(TOKEN_DIM, encoder_hidden, scandot_latent)
             else:
@@ -95,7 +98,8 @@ class ScandotModel(MLPModel):
         """Compute the output, and the distribution if `stochastic_output`.
 
         Args:
-            obs: One step with groups of shape (num_envs, dim), or sequences of shape (num_steps, num_envs, dim).
+            obs: One step with groups of shape (num_envs, dim), or sequences of shape (num_steps,
+                num_envs, dim).
             masks: rsl_rl's mask of padded episodes, shape (num_steps, num_episodes); excludes `resets`.
             hidden_state: State before the first step of sequences.
             stochastic_output: Sample from the distribution.
@@ -139,7 +143,9 @@ class ScandotModel(MLPModel):
     ) -> torch.Tensor:
         return x
 
-    def _get_obs_dim(self, obs: TensorDict, obs_groups: dict[str, list[str]], obs_set: str) -> tuple[list[str], int]:
+    def _get_obs_dim(
+        self, obs: TensorDict, obs_groups: dict[str, list[str]], obs_set: str
+    ) -> tuple[list[str], int]:
         """Keep rsl_rl's fields, observation groups and their dimension, for the flat groups."""
         flat = [group for group in obs_groups[obs_set] if not _is_scandots(group)]
         if not flat:

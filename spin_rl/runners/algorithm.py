@@ -24,9 +24,10 @@ STATISTICS = ("value", "surrogate", "entropy", "kl", "actor_grad_norm", "critic_
 class PPO(rsl_rl.algorithms.PPO):
     """PPO with rsl_rl's losses on unpadded sequences.
 
-    Differences from rsl_rl: recurrent rollouts are not cut and padded, observations are copied before the environment
-    may overwrite them, a step with non-finite gradients is left out, advantages are normalized over all processes,
-    the standard deviation stays inside its range, and one host synchronization per minibatch instead of three.
+    Differences from rsl_rl: recurrent rollouts are not cut and padded, observations are copied before the
+    environment may overwrite them, a step with non-finite gradients is left out, advantages are
+    normalized over all processes, the standard deviation stays inside its range, and one host
+    synchronization per minibatch instead of three.
     """
 
     actor: ScandotModel
@@ -115,7 +116,9 @@ class PPO(rsl_rl.algorithms.PPO):
         critic = critic_class(obs, groups, "critic", 1, **critic_cfg)
         used = groups["actor"] + groups["critic"]
         storage = SequenceStorage(env.num_envs, cfg["num_steps_per_env"], obs, used, env.num_actions, device)
-        return algorithm_class(actor, critic, storage, device=device, multi_gpu_cfg=cfg["multi_gpu"], **algorithm_cfg)
+        return algorithm_class(
+            actor, critic, storage, device=device, multi_gpu_cfg=cfg["multi_gpu"], **algorithm_cfg
+        )
 
     def act(self, obs: TensorDict) -> torch.Tensor:
         """Sample actions (num_envs, num_actions) and store the decision."""
@@ -134,7 +137,7 @@ class PPO(rsl_rl.algorithms.PPO):
     def process_env_step(
         self, obs: TensorDict, rewards: torch.Tensor, dones: torch.Tensor, extras: dict[str, torch.Tensor]
     ) -> None:
-        """Store the outcome of a step; an episode cut by its time limit gets the value of what would have followed.
+        """Store the outcome of a step; an episode cut by its time limit gets the value of going on.
 
         Args:
             obs: Next observations; `act` will see them.
@@ -199,7 +202,7 @@ class PPO(rsl_rl.algorithms.PPO):
         self.lost_updates = 0 if steps else self.lost_updates + 1
         if self.lost_updates >= MAX_LOST_UPDATES:
             raise FloatingPointError(
-                f"Losses or gradients were not finite in {MAX_LOST_UPDATES} whole updates in a row; training cannot go on."
+                f"Losses or gradients were not finite in {MAX_LOST_UPDATES} whole updates in a row."
             )
         means = {name: value / steps for name, value in sums.items()} if steps else {}
         return means | {"skipped_steps": float(total - steps)}
@@ -233,10 +236,13 @@ class PPO(rsl_rl.algorithms.PPO):
         if self.is_multi_gpu:
             self.reduce_parameters()
         norms = [
-            nn.utils.clip_grad_norm_(model.parameters(), self.max_grad_norm) for model in (self.actor, self.critic)
+            nn.utils.clip_grad_norm_(model.parameters(), self.max_grad_norm)
+            for model in (self.actor, self.critic)
         ]
         with torch.no_grad():
-            kl = self.actor.get_kl_divergence(batch.distribution, self.actor.output_distribution_params).mean()
+            kl = self.actor.get_kl_divergence(
+                batch.distribution, self.actor.output_distribution_params
+            ).mean()
             statistics = self._mean_of_processes(torch.stack([value_loss, surrogate, entropy, kl, *norms]))
         return dict(zip(STATISTICS, statistics.tolist(), strict=True))
 
@@ -255,7 +261,7 @@ class PPO(rsl_rl.algorithms.PPO):
 
     @torch.no_grad()
     def _limit_std(self) -> None:
-        """Keep the parameter itself in range: outside of it rsl_rl's clamp has no gradient that leads back."""
+        """Keep the parameter itself in range: outside of it rsl_rl's clamp lets no gradient through."""
         distribution: Any = self.actor.distribution
         if hasattr(distribution, "std_param"):
             distribution.std_param.clamp_(*distribution.std_range)
@@ -263,7 +269,7 @@ class PPO(rsl_rl.algorithms.PPO):
             distribution.log_std_param.clamp_(*distribution.log_std_range)
 
     def _rollout_is_finite(self) -> bool:
-        """Whether all processes may learn from the rollout: bad observations show in what the models made of them."""
+        """Whether the rollout is fit to learn from: bad observations show in what the models made of them."""
         total = self.storage.returns.sum() + self.storage.log_prob.sum()
         return math.isfinite(self._mean_of_processes(total).item())
 
@@ -279,6 +285,7 @@ class PPO(rsl_rl.algorithms.PPO):
             return None
         state = model.get_hidden_state()
         if state is None:
-            zeros = torch.zeros(1, self.storage.num_envs, model.rnn_hidden_dim, device=self.device)  # type: ignore
+            dim: int = model.rnn_hidden_dim  # type: ignore
+            zeros = torch.zeros(1, self.storage.num_envs, dim, device=self.device)
             state = (zeros, zeros)
         return state  # type: ignore

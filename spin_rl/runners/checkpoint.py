@@ -147,6 +147,17 @@ def load_module_state(module: nn.Module, state: Mapping[str, torch.Tensor], name
     module.load_state_dict(dict(state))
 
 
+def to_cpu(value: Any) -> Any:
+    """Copy the tensors of nested containers to the CPU."""
+    if isinstance(value, torch.Tensor):
+        return value.detach().cpu()
+    if isinstance(value, Mapping):
+        return {key: to_cpu(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_cpu(item) for item in value]
+    return value
+
+
 def _numbered(folder: Path) -> list[Path]:
     """Numbered checkpoints, newest first."""
     found = [(int(match[1]), path) for path in folder.iterdir() if (match := _NUMBERED.fullmatch(path.name))]
@@ -170,4 +181,6 @@ def _check_plain(value: Any, where: str) -> None:
         for index, item in enumerate(value):
             _check_plain(item, f"{where}[{index}]")
     elif type(value) not in (torch.Tensor, nn.Parameter, int, float, bool, str, type(None)):
-        raise TypeError(f"A checkpoint cannot hold {where}: {type(value).__name__} is not a tensor, number or string.")
+        raise TypeError(
+            f"A checkpoint cannot hold {where}: {type(value).__name__} is not a tensor, number or string."
+        )

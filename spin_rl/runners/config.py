@@ -7,16 +7,36 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from rsl_rl.modules.distribution import Distribution
 from rsl_rl.utils import resolve_callable
 from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel
 from spin_rl.runners.algorithm import PPO, SCHEDULES
 
-KEYS = {"class_name", "seed", "num_steps_per_env", "save_interval", "save_minutes", "obs_groups", "actor", "critic", "algorithm"}
+KEYS = {
+    "class_name",
+    "seed",
+    "num_steps_per_env",
+    "save_interval",
+    "save_minutes",
+    "obs_groups",
+    "actor",
+    "critic",
+    "algorithm",
+}
 OPTIONAL_KEYS = {"class_name", "seed", "save_minutes"}
+MODEL_ARGUMENTS = ("obs", "obs_groups", "obs_set", "output_dim")
+"""Arguments of a model that are not settings."""
 _POSITIVE_INTEGERS = ("num_learning_epochs", "num_mini_batches")
-_POSITIVE_NUMBERS = ("clip_param", "learning_rate", "min_learning_rate", "max_learning_rate", "max_grad_norm", "desired_kl")
+_POSITIVE_NUMBERS = (
+    "clip_param",
+    "learning_rate",
+    "min_learning_rate",
+    "max_learning_rate",
+    "max_grad_norm",
+    "desired_kl",
+)
 _FRACTIONS = ("gamma", "lam")
 
 
@@ -35,22 +55,28 @@ def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None
     for key in ("num_steps_per_env", "save_interval"):
         _require(_is_positive_integer(cfg[key]), f"runner.{key}", "a positive integer", cfg[key])
     minutes = cfg.get("save_minutes")
-    _require(minutes is None or _is_positive(minutes), "runner.save_minutes", "a positive number or none", minutes)
+    _require(
+        minutes is None or _is_positive(minutes), "runner.save_minutes", "a positive number or none", minutes
+    )
     _require(isinstance(cfg.get("seed", 0), int), "runner.seed", "an integer", cfg.get("seed"))
     _check_groups(cfg["obs_groups"], obs)
     for name in ("actor", "critic"):
-        _check_class(cfg[name], ScandotModel, name, given=("obs", "obs_groups", "obs_set", "output_dim"))
+        check_class(cfg[name], ScandotModel, name, MODEL_ARGUMENTS)
     distribution = cfg["actor"].get("distribution_cfg")
-    _require(distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution)
-    _check_class(distribution, object, "actor.distribution_cfg", given=("output_dim",))
+    _require(
+        distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution
+    )
+    check_class(distribution, Distribution, "actor.distribution_cfg", given=("output_dim",))
     _require(not cfg["critic"].get("distribution_cfg"), "critic.distribution_cfg", "none", "one")
     _check_algorithm(cfg["algorithm"], num_envs)
 
 
 def _check_algorithm(cfg: Mapping[str, Any], num_envs: int) -> None:
-    _check_class(cfg, PPO, "algorithm", given=("actor", "critic", "storage", "device", "multi_gpu_cfg"))
+    check_class(cfg, PPO, "algorithm", given=("actor", "critic", "storage", "device", "multi_gpu_cfg"))
     for key in _POSITIVE_INTEGERS:
-        _require(_is_positive_integer(cfg.get(key, 1)), f"algorithm.{key}", "a positive integer", cfg.get(key))
+        _require(
+            _is_positive_integer(cfg.get(key, 1)), f"algorithm.{key}", "a positive integer", cfg.get(key)
+        )
     for key in _POSITIVE_NUMBERS:
         _require(_is_positive(cfg.get(key, 1.0)), f"algorithm.{key}", "a positive number", cfg.get(key))
     for key in _FRACTIONS:
@@ -59,7 +85,9 @@ def _check_algorithm(cfg: Mapping[str, Any], num_envs: int) -> None:
     schedule = cfg.get("schedule", "adaptive")
     _require(schedule in SCHEDULES, "algorithm.schedule", f"one of {', '.join(SCHEDULES)}", schedule)
     batches = cfg.get("num_mini_batches", 4)
-    _require(batches <= num_envs, "algorithm.num_mini_batches", f"at most the {num_envs} environments", batches)
+    _require(
+        batches <= num_envs, "algorithm.num_mini_batches", f"at most the {num_envs} environments", batches
+    )
 
 
 def _check_groups(groups: Mapping[str, Any], obs: TensorDict) -> None:
@@ -70,8 +98,18 @@ def _check_groups(groups: Mapping[str, Any], obs: TensorDict) -> None:
             _require(group in obs, f"obs_groups.{name}", f"of {', '.join(map(str, obs.keys()))}", group)
 
 
-def _check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str, ...]) -> None:
-    """Check that a section names a class of some kind and only arguments of its constructor."""
+def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str, ...]) -> None:
+    """Check that a section names a class of some kind and only arguments of its constructor.
+
+    Args:
+        cfg: `class_name` and arguments.
+        base: Class of which the named one is a kind.
+        where: Name of the section, for the message.
+        given: Arguments that the program fills in.
+
+    Raises:
+        ValueError: It does not; one line that names the key.
+    """
     _require("class_name" in cfg, f"{where}.class_name", "given", None)
     try:
         named = resolve_callable(cfg["class_name"])

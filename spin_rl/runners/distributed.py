@@ -10,7 +10,7 @@ from torch import distributed
 
 
 class Processes:
-    """The processes of a run: their ranks, and the few numbers that they agree on outside of the gradients."""
+    """The processes of a run: their ranks, and the few numbers that they agree on beside the gradients."""
 
     def __init__(self, device: str) -> None:
         """Join the group that torchrun describes in the environment; a lone process needs none.
@@ -29,11 +29,15 @@ class Processes:
             return
         on_gpu = device != "cpu"
         if on_gpu and device != f"cuda:{self.local_rank}":
-            raise ValueError(f"device={device} does not fit local rank {self.local_rank}: use cuda:{self.local_rank}.")
+            raise ValueError(
+                f"device={device} does not fit local rank {self.local_rank}: use cuda:{self.local_rank}."
+            )
         if on_gpu:
             torch.cuda.set_device(self.local_rank)
         if not distributed.is_initialized():
-            distributed.init_process_group("nccl" if on_gpu else "gloo", rank=self.rank, world_size=self.world_size)
+            distributed.init_process_group(
+                "nccl" if on_gpu else "gloo", rank=self.rank, world_size=self.world_size
+            )
             self.joined = True
         self._host_group = distributed.new_group(backend="gloo")
 

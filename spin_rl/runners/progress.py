@@ -82,36 +82,15 @@ class ScalarWriter:
             self._writer.close()
 
 
-def progress_text(
-    iteration: int,
-    max_iterations: int,
-    env_steps: int,
-    steps_per_second: float,
-    episodes: RecentEpisodes,
-    seconds_left: float,
-) -> str:
-    """Format the state of a run in one line."""
-    success, mean_return = episodes.mean("success_rate"), episodes.mean("mean_return")
-    shown = "no episode ended yet" if math.isnan(success) else f"success {success:6.1%} | return {mean_return:8.2f}"
-    return (
-        f"iteration {iteration}/{max_iterations} | {env_steps / 1e6:.3f} M env steps | {steps_per_second:7.0f}/s | "
-        f"{shown} | {format_duration(seconds_left)} left"
-    )
-
-
-def seconds_left(
-    done: int, to_do: int, elapsed_s: float, max_seconds: float | None
-) -> float:
-    """Estimate when the first of both limits is reached, from the iterations of this call."""
-    left = elapsed_s / done * to_do
-    return left if max_seconds is None else max(0.0, min(left, max_seconds - elapsed_s))
-
-
 def episode_tag(name: str) -> str:
     """TensorBoard tag of an episode statistic: its own group if it names one, else Episode or Curriculum."""
     if "/" in name:
         return name[0].upper() + name[1:]
-    return f"Curriculum/{name.removeprefix('curriculum_')}" if name.startswith("curriculum") else f"Episode/{name}"
+    return (
+        f"Curriculum/{name.removeprefix('curriculum_')}"
+        if name.startswith("curriculum")
+        else f"Episode/{name}"
+    )
 
 
 def format_duration(seconds: float) -> str:

@@ -29,15 +29,21 @@ class Batch:
 class SequenceStorage:
     """One rollout of all environments, written in place.
 
-    rsl_rl's storage cuts rollouts into episodes, pads each of them to the full length, and keeps the hidden states of
-    every step. Models that clear their state inside a sequence need neither: this one keeps the state before the
-    first step, and only the observation groups that a model reads.
+    rsl_rl's storage cuts rollouts into episodes, pads each of them to the full length, and keeps the
+    hidden states of every step. Models that clear their state inside a sequence need neither: this one
+    keeps the state before the first step, and only the observation groups that a model reads.
 
     All tensors have the shape (num_steps, num_envs, ...).
     """
 
     def __init__(
-        self, num_envs: int, num_steps: int, obs: TensorDict, groups: Iterable[str], num_actions: int, device: str
+        self,
+        num_envs: int,
+        num_steps: int,
+        obs: TensorDict,
+        groups: Iterable[str],
+        num_actions: int,
+        device: str,
     ) -> None:
         shape = (num_steps, num_envs)
         self.num_envs = num_envs
@@ -50,7 +56,9 @@ class SequenceStorage:
             batch_size=shape,
         )
         self.actions = torch.zeros(*shape, num_actions, device=device)
-        self.rewards, self.values, self.log_prob, self.returns, self.advantages = torch.zeros(5, *shape, device=device)
+        self.rewards, self.values, self.log_prob, self.returns, self.advantages = torch.zeros(
+            5, *shape, device=device
+        )
         self.dones = torch.zeros(shape, dtype=torch.bool, device=device)
         self.distribution: tuple[torch.Tensor, ...] = ()
         self.states: tuple[LSTMState | None, LSTMState | None] = (None, None)

@@ -27,7 +27,8 @@ wp.set_module_options({"enable_backward": False})
 def add_pool(spec: mujoco.MjSpec, pool: PoolSpec) -> None:
     """Add the floor and one parked static geom for every slot to the world body.
 
-    Contact bits: robot geoms collide with contype 1 (scene) and, for the arm, 2 (floor); see `robots/stretch_re1`.
+    Contact bits: robot geoms collide with contype 1 (scene) and, for the arm, 2 (floor); see
+    `robots/stretch_re1`.
 
     Args:
         spec: Specification to add to.
@@ -70,8 +71,8 @@ def write_geoms(
 ) -> None:
     """Write the masked worlds' slots into the geoms of a batched mujoco-warp model; graph-safe.
 
-    Static geoms have their world poses computed once, when Data is made, so that poses are written to Data and
-    sizes to Model (allocated per world with `put_model(batch_sizes=...)`).
+    Static geoms have their world poses computed once, when Data is made, so that poses are written to Data
+    and sizes to Model (allocated per world with `put_model(batch_sizes=...)`).
 
     Args:
         layout: Scenes to write.
@@ -120,7 +121,7 @@ def _write_geoms(
     geom_size_out: wp.array2d(dtype=wp.vec3),
     geom_rbound_out: wp.array2d(dtype=float),
     geom_aabb_out: wp.array3d(dtype=wp.vec3),
-):
+) -> None:
     world, slot = wp.tid()
     if not mask[world]:
         return

@@ -1,14 +1,14 @@
 """Obstacles along a stretch of corridor, as Warp functions: always passable, by construction.
 
-A stretch has a coordinate s along and t across (left positive). Obstacles are drawn in the order in which the robot
-meets them, each reaching from one side wall so far into the corridor that `passage` remains at the other side. Where
-two of them overlap across, so that the robot must swing from one side to the other, the second one starts late enough.
-The room that is left over along the stretch is spread at random.
+A stretch has a coordinate s along and t across (left positive). Obstacles are drawn in the order in which the
+robot meets them, each reaching from one side wall so far into the corridor that `passage` remains at the
+other side. Where two of them overlap across, so that the robot must swing from one side to the other, the
+second one starts late enough. The room that is left over along the stretch is spread at random.
 """
 
 import warp as wp
 
-from spin_rl.scenes.corridor import put_slot
+from spin_rl.scenes.corridor import Slots, put_slot
 from spin_rl.scenes.params import ParamsStruct
 
 MAX_OBSTACLES = wp.constant(8)
@@ -32,8 +32,8 @@ wp.set_module_options({"enable_backward": False})
 class Stretch:
     """A straight piece of corridor that takes obstacles.
 
-    ``origin + s * along`` is its centre line, for begin <= s <= end. ``first_side`` pins the first obstacle to the
-    beginning and to a side (1 left, -1 right); 0 leaves it free.
+    ``origin + s * along`` is its centre line, for begin <= s <= end. ``first_side`` pins the first obstacle
+    to the beginning and to a side (1 left, -1 right); 0 leaves it free.
     """
 
     origin: wp.vec2
@@ -89,11 +89,7 @@ def place_obstacles(
     used: Used,
     first_box: int,
     first_cylinder: int,
-    num_slots: int,
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
+    slots: Slots,
 ) -> Used:
     """Write up to ``count`` obstacles into a stretch; fewer only if not even the smallest ones fit.
 
@@ -106,11 +102,7 @@ def place_obstacles(
         used: Slots taken so far.
         first_box: Slot of the first box.
         first_cylinder: Slot of the first cylinder.
-        num_slots: Slots of a world.
-        pos_out: Output, see `Layout`.
-        yaw_out: Output, see `Layout`.
-        half_size_out: Output, see `Layout`.
-        active_out: Output, see `Layout`.
+        slots: Output.
 
     Returns:
         Slots taken now.
@@ -159,7 +151,7 @@ def place_obstacles(
                 turn = p.box_yaw * (2.0 * wp.randf(state) - 1.0)
                 along = wp.lerp(p.half_length[0], length_now, wp.randf(state))
                 no_box = first_box + boxes >= first_cylinder
-                if (wants_cylinder or no_box) and first_cylinder + cylinders < num_slots:
+                if (wants_cylinder or no_box) and first_cylinder + cylinders < slots.pos.shape[1]:
                     radius = wp.min(wp.lerp(p.radius[0], p.radius[1], u), 0.5 * reach_now)
                     cylinders += 1
                     round_[k] = 1
@@ -233,10 +225,7 @@ def place_obstacles(
             wp.vec3(centre[0], centre[1], 0.5 * (heights[0] + heights[1])),
             heading + yaw[k],
             wp.vec3(half_x[k], half_y[k], 0.5 * (heights[1] - heights[0])),
-            pos_out,
-            yaw_out,
-            half_size_out,
-            active_out,
+            slots,
         )
         taken.obstacles += 1
     return taken

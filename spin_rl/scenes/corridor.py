@@ -1,12 +1,23 @@
 """Walls of straight and L-shaped corridors, as Warp functions.
 
-The path starts at the origin along +x. An L turns by 90 degrees after `first_leg`, to +y (side = 1) or -y (side = -1).
-Walls bound the free space exactly: they touch each other and do not overlap.
+The path starts at the origin along +x. An L turns by 90 degrees after `first_leg`, to +y (side = 1) or -y
+(side = -1). Walls bound the free space exactly: they touch each other and do not overlap.
 """
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Slots:
+    """The arrays of a `Layout` that a scene's walls and obstacles are written to."""
+
+    pos: wp.array2d[wp.vec3]
+    yaw: wp.array2d[float]
+    half_size: wp.array2d[wp.vec3]
+    active: wp.array2d[wp.bool]
+    is_cylinder: wp.array[wp.bool]
 
 
 @wp.func
@@ -16,16 +27,13 @@ def put_slot(
     pos: wp.vec3,
     yaw: float,
     half: wp.vec3,
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
-):
+    slots: Slots,
+) -> None:
     """Write one active slot."""
-    pos_out[world, slot] = pos
-    yaw_out[world, slot] = yaw
-    half_size_out[world, slot] = half
-    active_out[world, slot] = True
+    slots.pos[world, slot] = pos
+    slots.yaw[world, slot] = yaw
+    slots.half_size[world, slot] = half
+    slots.active[world, slot] = True
 
 
 @wp.func
@@ -36,11 +44,8 @@ def _put_wall(
     high: wp.vec2,
     side: float,
     height: float,
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
-):
+    slots: Slots,
+) -> None:
     """Write a wall that fills a rectangle of the floor, mirrored in y for side = -1."""
     centre = 0.5 * (low + high)
     half = 0.5 * (high - low)
@@ -50,10 +55,7 @@ def _put_wall(
         wp.vec3(centre[0], side * centre[1], 0.5 * height),
         0.0,
         wp.vec3(half[0], half[1], 0.5 * height),
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
+        slots,
     )
 
 
@@ -65,28 +67,17 @@ def put_straight_walls(
     end: float,
     thickness: float,
     height: float,
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
-):
+    slots: Slots,
+) -> None:
     """Write the walls around -behind <= x <= end, |y| <= width / 2: left, right, back, front."""
     h = 0.5 * width
     t = thickness
     x0 = -behind - t
     x1 = end + t
-    _put_wall(
-        world, 0, wp.vec2(x0, h), wp.vec2(x1, h + t), 1.0, height, pos_out, yaw_out, half_size_out, active_out
-    )
-    _put_wall(
-        world, 1, wp.vec2(x0, h), wp.vec2(x1, h + t), -1.0, height, pos_out, yaw_out, half_size_out, active_out
-    )
-    _put_wall(
-        world, 2, wp.vec2(x0, -h), wp.vec2(-behind, h), 1.0, height, pos_out, yaw_out, half_size_out, active_out
-    )
-    _put_wall(
-        world, 3, wp.vec2(end, -h), wp.vec2(x1, h), 1.0, height, pos_out, yaw_out, half_size_out, active_out
-    )
+    _put_wall(world, 0, wp.vec2(x0, h), wp.vec2(x1, h + t), 1.0, height, slots)
+    _put_wall(world, 1, wp.vec2(x0, h), wp.vec2(x1, h + t), -1.0, height, slots)
+    _put_wall(world, 2, wp.vec2(x0, -h), wp.vec2(-behind, h), 1.0, height, slots)
+    _put_wall(world, 3, wp.vec2(end, -h), wp.vec2(x1, h), 1.0, height, slots)
 
 
 @wp.func
@@ -99,14 +90,12 @@ def put_bent_walls(
     side: float,
     thickness: float,
     height: float,
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
-):
+    slots: Slots,
+) -> None:
     """Write the walls of an L: inner and outer of the first leg, inner and outer of the second, back, front.
 
-    The first leg is free for -behind <= x <= first_leg + width / 2, the second for y up to ``end`` (times side).
+    The first leg is free for -behind <= x <= first_leg + width / 2, the second for y up to ``end`` (times
+    side).
     """
     h = 0.5 * width
     t = thickness
@@ -114,57 +103,9 @@ def put_bent_walls(
     inner = first_leg - h
     outer = first_leg + h
     y1 = end + t
-    _put_wall(
-        world, 0, wp.vec2(x0, h), wp.vec2(inner, h + t), side, height, pos_out, yaw_out, half_size_out, active_out
-    )
-    _put_wall(
-        world,
-        1,
-        wp.vec2(x0, -h - t),
-        wp.vec2(outer + t, -h),
-        side,
-        height,
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
-    )
-    _put_wall(
-        world,
-        2,
-        wp.vec2(inner - t, h + t),
-        wp.vec2(inner, y1),
-        side,
-        height,
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
-    )
-    _put_wall(
-        world,
-        3,
-        wp.vec2(outer, -h),
-        wp.vec2(outer + t, y1),
-        side,
-        height,
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
-    )
-    _put_wall(
-        world, 4, wp.vec2(x0, -h), wp.vec2(-behind, h), side, height, pos_out, yaw_out, half_size_out, active_out
-    )
-    _put_wall(
-        world,
-        5,
-        wp.vec2(inner, end),
-        wp.vec2(outer, y1),
-        side,
-        height,
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
-    )
+    _put_wall(world, 0, wp.vec2(x0, h), wp.vec2(inner, h + t), side, height, slots)
+    _put_wall(world, 1, wp.vec2(x0, -h - t), wp.vec2(outer + t, -h), side, height, slots)
+    _put_wall(world, 2, wp.vec2(inner - t, h + t), wp.vec2(inner, y1), side, height, slots)
+    _put_wall(world, 3, wp.vec2(outer, -h), wp.vec2(outer + t, y1), side, height, slots)
+    _put_wall(world, 4, wp.vec2(x0, -h), wp.vec2(-behind, h), side, height, slots)
+    _put_wall(world, 5, wp.vec2(inner, end), wp.vec2(outer, y1), side, height, slots)

@@ -1,15 +1,15 @@
 """Procedural corridors for all worlds at once, on the device.
 
-Source: SPIN paper, "Training environments" and "Simulation results": a straight corridor 1 m wide and an L-shaped one,
-0-1, 2-3 or 5 obstacles within the 5 m between start and goal, on the floor and floating, randomized joints and
-orientation of the robot, and distractors beyond the edges. Sizes and heights are not given there; see
-`GeneratorParams` and docs/paper_deviations.md.
+Source: SPIN paper, "Training environments" and "Simulation results": a straight corridor 1 m wide and an
+L-shaped one, 0-1, 2-3 or 5 obstacles within the 5 m between start and goal, on the floor and floating,
+randomized joints and orientation of the robot, and distractors beyond the edges. Sizes and heights are not
+given there; see `GeneratorParams` and docs/paper_deviations.md.
 """
 
 import warp as wp
 
 from spin_rl.scenes.clutter import Stretch, Used, place_obstacles
-from spin_rl.scenes.corridor import put_bent_walls, put_slot, put_straight_walls
+from spin_rl.scenes.corridor import Slots, put_bent_walls, put_slot, put_straight_walls
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.params import GeneratorParams, ParamsStruct, params_struct
 from spin_rl.scenes.start_pose import put_start
@@ -19,7 +19,7 @@ MOST_OBSTACLES = 5
 
 _FRONT = wp.constant(0.0585)
 _MIN_PITCH = wp.constant(0.4)
-"""Room along that an obstacle is counted with when a bent corridor's obstacles are divided between its legs."""
+"""Room that one obstacle is counted with when an L's obstacles are divided between its legs."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -37,9 +37,9 @@ def generate_layouts(
 ) -> None:
     """Draw a new corridor, clutter, start and goal for the masked worlds; graph-safe.
 
-    The draw depends on nothing but the seed, the world's index and its counter, which goes up by one. The start is
-    near the origin, the corridor begins along +x. Obstacles take the first slots of their kind, distractors (outside
-    the walls) the last box slots.
+    The draw depends on nothing but the seed, the world's index and its counter, which goes up by one. The
+    start is near the origin, the corridor begins along +x. Obstacles take the first slots of their kind,
+    distractors (outside the walls) the last box slots.
 
     Args:
         layout: Output.
@@ -49,13 +49,16 @@ def generate_layouts(
         mask: Worlds to rewrite, shape (nworld,), bool.
         scenario_choice: 0 either, 1 straight, 2 L-shaped, shape (nworld,), int32.
         difficulty_choice: -1 any, 0 easy (0-1 obstacles), 1 medium (2-3), 2 hard (5), shape (nworld,), int32.
-        level: Curriculum in [0, 1], shape (nworld,): the corridor narrows from `easy_width` to `width`, and with any
-            difficulty up to 1 + 4 * level obstacles are placed. Benchmarks use 1.
+        level: Curriculum in [0, 1], shape (nworld,): the corridor narrows from `easy_width` to `width`, and
+            with any difficulty up to 1 + 4 * level obstacles are placed. Benchmarks use 1.
 
     Raises:
         ValueError: If the pool is too small.
     """
     _require_pool(layout.pool)
+    slots = Slots()
+    for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
+        setattr(slots, name, getattr(layout, name))
     wp.launch(
         _generate,
         dim=layout.nworld,
@@ -63,7 +66,6 @@ def generate_layouts(
             params_struct(params),
             layout.pool.first_box,
             layout.pool.first_cylinder,
-            layout.is_cylinder,
             seed,
             mask,
             scenario_choice,
@@ -72,10 +74,7 @@ def generate_layouts(
         ],
         outputs=[
             counter,
-            layout.pos,
-            layout.yaw,
-            layout.half_size,
-            layout.active,
+            slots,
             layout.start,
             layout.start_joints,
             layout.goal,
@@ -92,7 +91,9 @@ def _require_pool(pool: PoolSpec) -> None:
     if pool.num_walls < NUM_WALLS:
         raise ValueError(f"pool.num_walls must be at least {NUM_WALLS} for corridors, got {pool.num_walls}")
     if pool.num_boxes < MOST_OBSTACLES:
-        raise ValueError(f"pool.num_boxes must be at least {MOST_OBSTACLES} for corridors, got {pool.num_boxes}")
+        raise ValueError(
+            f"pool.num_boxes must be at least {MOST_OBSTACLES} for corridors, got {pool.num_boxes}"
+        )
 
 
 @wp.func
@@ -126,11 +127,8 @@ def _put_distractors(
     length: float,
     side: float,
     height: float,
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
-):
+    slots: Slots,
+) -> None:
     """Write boxes just outside the wall at t = side * outside, some tall enough to be seen above it."""
     state = wp.rand_init(seed, 3)
     for i in range(count):
@@ -144,17 +142,7 @@ def _put_distractors(
         y = outside + wp.lerp(0.02, 0.3, wp.randf(state)) + wp.sqrt(half[0] * half[0] + half[1] * half[1])
         turn = wp.lerp(-wp.pi, wp.pi, wp.randf(state))
         if slot >= first_box + boxes_used:
-            put_slot(
-                world,
-                slot,
-                wp.vec3(x, side * y, half[2]),
-                turn,
-                half,
-                pos_out,
-                yaw_out,
-                half_size_out,
-                active_out,
-            )
+            put_slot(world, slot, wp.vec3(x, side * y, half[2]), turn, half, slots)
 
 
 @wp.kernel
@@ -163,7 +151,6 @@ def _generate(
     p: ParamsStruct,
     first_box: int,
     first_cylinder: int,
-    is_cylinder: wp.array(dtype=bool),
     # In
     seed: wp.array(dtype=wp.int32),
     mask: wp.array(dtype=bool),
@@ -172,10 +159,7 @@ def _generate(
     level: wp.array(dtype=float),
     # Out
     counter_out: wp.array(dtype=wp.int32),
-    pos_out: wp.array2d(dtype=wp.vec3),
-    yaw_out: wp.array2d(dtype=float),
-    half_size_out: wp.array2d(dtype=wp.vec3),
-    active_out: wp.array2d(dtype=bool),
+    slots: Slots,
     start_out: wp.array(dtype=wp.vec3),
     start_joints_out: wp.array2d(dtype=float),
     goal_out: wp.array(dtype=wp.vec2),
@@ -183,7 +167,7 @@ def _generate(
     scenario_out: wp.array(dtype=wp.int32),
     difficulty_out: wp.array(dtype=wp.int32),
     num_obstacles_out: wp.array(dtype=wp.int32),
-):
+) -> None:
     world = wp.tid()
     if not mask[world]:
         return
@@ -191,9 +175,8 @@ def _generate(
     stream = int(wp.rand_init(int(wp.rand_init(seed[0], world)), counter_out[world]))
     counter_out[world] = counter_out[world] + 1
     state = wp.rand_init(stream, 0)
-    num_slots = pos_out.shape[1]
-    for slot in range(num_slots):
-        active_out[world, slot] = False
+    for slot in range(slots.active.shape[1]):
+        slots.active[world, slot] = False
 
     # What to build.
     ease = 1.0 - wp.clamp(level[world], 0.0, 1.0)
@@ -231,50 +214,14 @@ def _generate(
     first.begin = _FRONT + p.first_obstacle
     first.first_side = 0.0
     if scenario == 1:
-        put_straight_walls(
-            world,
-            width,
-            behind,
-            p.length + beyond,
-            p.wall_thickness,
-            height,
-            pos_out,
-            yaw_out,
-            half_size_out,
-            active_out,
-        )
+        put_straight_walls(world, width, behind, p.length + beyond, p.wall_thickness, height, slots)
         first.end = p.length - p.goal_clearance
-        used = place_obstacles(
-            world,
-            count,
-            first,
-            p,
-            stream,
-            used,
-            first_box,
-            first_cylinder,
-            num_slots,
-            pos_out,
-            yaw_out,
-            half_size_out,
-            active_out,
-        )
+        used = place_obstacles(world, count, first, p, stream, used, first_box, first_cylinder, slots)
         goal_out[world] = wp.vec2(p.length, 0.0)
     else:
         second_leg = p.length - first_leg
         put_bent_walls(
-            world,
-            width,
-            behind,
-            first_leg,
-            second_leg + beyond,
-            side,
-            p.wall_thickness,
-            height,
-            pos_out,
-            yaw_out,
-            half_size_out,
-            active_out,
+            world, width, behind, first_leg, second_leg + beyond, side, p.wall_thickness, height, slots
         )
         first.end = first_leg - 0.5 * width - p.corner_clearance
         second = Stretch()
@@ -293,35 +240,9 @@ def _generate(
         share = float(count) * room_first / (room_first + room_second)
         count_first = wp.min(int(share + split), int(room_first / _MIN_PITCH))
         count_first = wp.max(count_first, count - int(room_second / _MIN_PITCH))
+        used = place_obstacles(world, count_first, first, p, stream, used, first_box, first_cylinder, slots)
         used = place_obstacles(
-            world,
-            count_first,
-            first,
-            p,
-            stream,
-            used,
-            first_box,
-            first_cylinder,
-            num_slots,
-            pos_out,
-            yaw_out,
-            half_size_out,
-            active_out,
-        )
-        used = place_obstacles(
-            world,
-            count - count_first,
-            second,
-            p,
-            stream + 1,
-            used,
-            first_box,
-            first_cylinder,
-            num_slots,
-            pos_out,
-            yaw_out,
-            half_size_out,
-            active_out,
+            world, count - count_first, second, p, stream + 1, used, first_box, first_cylinder, slots
         )
         goal_out[world] = wp.vec2(first_leg, side * second_leg)
 
@@ -338,20 +259,13 @@ def _generate(
         outer_length,
         -side,
         height,
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
+        slots,
     )
     put_start(
         world,
         p,
         stream,
-        is_cylinder,
-        pos_out,
-        yaw_out,
-        half_size_out,
-        active_out,
+        slots,
         start_out,
         start_joints_out,
     )

@@ -1,7 +1,7 @@
 """What a world contains, as plain arrays: walls, obstacles, start and goal.
 
-Generator, physics, scandots, depth, planner and viewer all read these arrays. The frame is the world's: z up, the floor
-at z = 0.
+Generator, physics, scandots, depth, planner and viewer all read these arrays. The frame is the world's: z up,
+the floor at z = 0.
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class Layout:
     Attributes:
         pos: Slot centres [m], shape (nworld, nslot), vec3.
         yaw: Slot yaws about z [rad], shape (nworld, nslot).
-        half_size: Half extents of boxes; (radius, radius, half height) of cylinders [m], shape (nworld, nslot), vec3.
+        half_size: Half extents of boxes; (radius, radius, half height) of cylinders [m], shape (nworld,
+            nslot), vec3.
         active: Slots that exist, shape (nworld, nslot), bool.
         is_cylinder: Which slots are cylinders, shape (nslot,), bool.
         is_wall: Which slots are walls, shape (nslot,), bool.
@@ -233,7 +234,9 @@ def _fit(scene: Scene, pool: PoolSpec) -> Scene:
         if count > getattr(pool, kind):
             raise ValueError(f"the scene needs pool.{kind} = {count}, the pool has {getattr(pool, kind)}")
         for name in ("pos", "yaw", "half_size", "active"):
-            getattr(fitted, name)[fitted_first : fitted_first + count] = getattr(scene, name)[first : first + count]
+            getattr(fitted, name)[fitted_first : fitted_first + count] = getattr(scene, name)[
+                first : first + count
+            ]
     for name in ("start", "start_joints", "goal", "bend", "scenario", "difficulty", "num_obstacles"):
         setattr(fitted, name, getattr(scene, name))
     return fitted

@@ -1,5 +1,6 @@
 """Parameters of the corridor generator, on the host and as the struct that its kernel reads."""
 
+import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
 
@@ -14,8 +15,8 @@ vec8 = wp.types.vector(length=8, dtype=float)
 class GeneratorParams:
     """Distribution of corridors, clutter and start poses. Pairs are (low, high) of a uniform draw.
 
-    Lengths in metres, angles in radians. "Across" is measured from a side wall towards the other one, "along" along
-    the path from start to goal.
+    Lengths in metres, angles in radians. "Across" is measured from a side wall towards the other one, "along"
+    along the path from start to goal.
 
     Attributes:
         width: Corridor width at curriculum level 1.
@@ -26,11 +27,13 @@ class GeneratorParams:
         beyond_goal: Room beyond the goal.
         wall_height: Height of the walls, one draw per world.
         wall_thickness: Thickness of the walls.
-        passage: Room left beside every obstacle; the base is 0.363 m wide, 0.38 m with the stowed arm.
-        first_obstacle: Distance from the robot's front, as it faces the goal, to the nearest possible obstacle.
+        passage: Room left beside every obstacle; the base is 0.363 m wide, 0.39 m with the stowed arm.
+        first_obstacle: Distance from the robot's front, as it faces the goal, to the nearest possible
+            obstacle.
         goal_clearance: Distance from the last possible obstacle to the goal.
         corner_clearance: Distance of obstacles along the first leg to the corner's square.
-        slalom_gap: Distance along between obstacles on opposite sides that cannot be passed in a straight line.
+        slalom_gap: Distance along between obstacles on opposite sides that cannot be passed in a straight
+            line.
         slalom_gain: What that distance grows by per metre that the robot must shift across.
         same_side_gap: Smallest distance along between any two obstacles.
         tall_share: Share of obstacles that stand on the floor and are tall.
@@ -97,12 +100,12 @@ class GeneratorParams:
     head_bottom: tuple[float, float] = (1.05, 1.25)
     head_thickness: tuple[float, float] = (0.2, 0.4)
     max_distractors: int = 2
-    start_y: float = 0.1
+    start_y: float = 0.15
     start_clearance: float = 0.05
     start_tries: int = 16
     start_lift: tuple[float, float] = (0.35, 0.9)
-    start_arm_extension: tuple[float, float] = (0.0, 0.1)
-    start_wrist_yaw: tuple[float, float] = (-0.9, 0.0)
+    start_arm_extension: tuple[float, float] = (0.0, 0.15)
+    start_wrist_yaw: tuple[float, float] = (-1.2, 0.0)
     start_wrist_pitch: tuple[float, float] = (-0.15, 0.15)
     start_wrist_roll: tuple[float, float] = (-0.3, 0.3)
     start_gripper_finger: tuple[float, float] = (-0.1, 0.15)
@@ -113,11 +116,20 @@ class GeneratorParams:
         """Reject values that cannot make a solvable corridor."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, (list, tuple)):
-                if len(value) != 2 or not value[0] <= value[1]:
-                    raise ValueError(f"scene.{field.name} must be (low, high), got {value}")
-                object.__setattr__(self, field.name, (float(value[0]), float(value[1])))
-        for name in ("wall_thickness", "first_obstacle", "goal_clearance", "corner_clearance", "same_side_gap"):
+            if isinstance(value, tuple):
+                _require(
+                    len(value) == 2 and math.isfinite(value[1] - value[0]) and value[0] <= value[1],
+                    f"scene.{field.name} must be (low, high), got {value}",
+                )
+            else:
+                _require(math.isfinite(value), f"scene.{field.name} must be finite, got {value}")
+        for name in (
+            "wall_thickness",
+            "first_obstacle",
+            "goal_clearance",
+            "corner_clearance",
+            "same_side_gap",
+        ):
             _require(getattr(self, name) > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}")
         _require(self.passage >= 0.42, f"scene.passage must be at least 0.42 m, got {self.passage}")
         _require(
@@ -134,18 +146,25 @@ class GeneratorParams:
             self.behind_start[0] >= 0.35 + self.start_clearance,
             f"scene.behind_start must leave room to turn, got {self.behind_start}",
         )
-        _require(self.beyond_goal[0] >= 0.2, f"scene.beyond_goal must be at least 0.2, got {self.beyond_goal}")
+        _require(
+            self.beyond_goal[0] >= 0.2, f"scene.beyond_goal must be at least 0.2, got {self.beyond_goal}"
+        )
         _require(0.0 <= self.box_yaw <= 0.3, f"scene.box_yaw must be in [0, 0.3] rad, got {self.box_yaw}")
         for name in ("protrusion", "standing_width", "half_length", "radius", "low_top", "tall_top"):
-            _require(getattr(self, name)[0] > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}")
+            _require(
+                getattr(self, name)[0] > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}"
+            )
+        for name in ("max_distractors", "start_tries"):
+            _require(getattr(self, name) >= 1, f"scene.{name} must be at least 1, got {getattr(self, name)}")
         for name in ("cylinder_share", "standing_share", "corner_share"):
             _require(
-                0.0 <= getattr(self, name) <= 1.0, f"scene.{name} must be in [0, 1], got {getattr(self, name)}"
+                0.0 <= getattr(self, name) <= 1.0,
+                f"scene.{name} must be in [0, 1], got {getattr(self, name)}",
             )
         shares = (self.tall_share, self.arm_share, self.head_share)
         _require(
             min(shares) >= 0.0 and sum(shares) <= 1.0,
-            f"scene.tall_share, arm_share and head_share must not be negative nor sum to more than 1, got {shares}",
+            f"scene.tall_share, arm_share, head_share must be at least 0 and sum to at most 1, got {shares}",
         )
         for name, joint in _START_RANGES.items():
             if name in _ABSOLUTE_RANGES:
@@ -158,14 +177,14 @@ class GeneratorParams:
                 )
 
 
-# Ranges of the start pose in the order of robot.JOINTS; the ones that are not absolute are relative to the stowed pose.
+# Ranges of the start pose, in the order of robot.JOINTS; the rest of them is relative to the stowed pose.
 _START_RANGES = {f"start_{joint}": joint for joint in robot.JOINTS}
 _ABSOLUTE_RANGES = ("start_lift", "start_arm_extension", "start_head_pan", "start_head_tilt")
 
 
 @wp.struct
 class ParamsStruct:
-    """`GeneratorParams` as the kernel reads them; see there. Joint ranges are absolute and clipped to limits."""
+    """`GeneratorParams` as the kernel reads them; joint ranges are absolute and clipped to the limits."""
 
     width: float
     easy_width: float

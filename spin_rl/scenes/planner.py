@@ -1,9 +1,9 @@
 """Path search for the Stretch in a scene: is there a way from start to goal, and which?
 
-A search over a lattice of base poses with the robot's collision shape, in which the arm stays stowed at one of a few
-lift heights. The lattice's moves are those of a differential drive: straight along the heading, either way, and turns
-in place. Positions are exact at lattice points, so that a path found here can be driven; a way narrower than the
-lattice may be missed.
+A search over a lattice of base poses with the robot's collision shape, in which the arm stays stowed at one
+of a few lift heights. The lattice's moves are those of a differential drive: straight along the heading,
+either way, and turns in place. Positions are exact at lattice points, so that a path found here can be
+driven; a way narrower than the lattice may be missed.
 
 Needs the `planner` extra (SciPy).
 """
@@ -31,11 +31,7 @@ GOAL_TOLERANCE_M = 0.15
 # Headings that go through lattice points, one quadrant: (0, 14.0, 26.6, 45, 63.4, 76.0) degrees.
 _QUADRANT = ((1, 0), (4, 1), (2, 1), (1, 1), (1, 2), (1, 4))
 _STEPS = np.array(
-    [
-        (c * x - s * y, s * x + c * y)
-        for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))
-        for x, y in _QUADRANT
-    ]
+    [(c * x - s * y, s * x + c * y) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1)) for x, y in _QUADRANT]
 )
 HEADINGS_RAD = np.arctan2(_STEPS[:, 1], _STEPS[:, 0])
 """Yaws of the lattice, shape (24,)."""
@@ -188,9 +184,7 @@ class _Grid:
             corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
         before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / RESOLUTION_M).astype(int)
         after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / RESOLUTION_M).astype(int)
-        x, y = (
-            scene.start[i] + RESOLUTION_M * np.arange(-before[i], after[i] + 1) for i in range(2)
-        )
+        x, y = (scene.start[i] + RESOLUTION_M * np.arange(-before[i], after[i] + 1) for i in range(2))
         return _Grid(x=x, y=y, start=(int(before[1]), int(before[0])))
 
 
@@ -249,7 +243,7 @@ def _shifted(array: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarra
 
 
 def _between(array: np.ndarray, px: int, py: int, dx: int, dy: int) -> np.ndarray:
-    """View of an array (y, x) shifted by (px, py), over the indices for which a shift by (dx, dy) stays inside."""
+    """View of an array (y, x) shifted by (px, py), where a shift by (dx, dy) stays inside."""
     ny, nx = array.shape
     x0, y0 = max(0, -dx), max(0, -dy)
     return array[y0 + py : ny - max(0, dy) + py, x0 + px : nx - max(0, dx) + px]

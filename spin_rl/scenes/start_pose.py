@@ -1,11 +1,12 @@
-"""Start poses, as Warp functions: random where a simple model of the robot keeps its distance from everything.
+"""Start poses, as Warp functions: random where a simple robot model keeps its distance from everything.
 
-The model covers the Stretch RE1's collision shape (official URDF) with upright discs, each with a height range. It is
-coarse but errs on the safe side.
+The model covers the Stretch RE1's collision shape (official URDF) with upright discs, each with a height
+range. It is coarse but errs on the safe side.
 """
 
 import warp as wp
 
+from spin_rl.scenes.corridor import Slots
 from spin_rl.scenes.params import ParamsStruct, vec8
 
 wp.set_module_options({"enable_backward": False})
@@ -17,9 +18,9 @@ _WRIST_YAW = wp.constant(2)
 _WRIST_PITCH = wp.constant(3)
 _FINGER = wp.constant(5)
 
-_BASE_REAR = wp.constant(-0.2865)
-_BASE_FRONT = wp.constant(0.0585)
-_BASE_SIDE = wp.constant(0.1815)
+_BASE_REAR = wp.constant(-0.288)
+_BASE_FRONT = wp.constant(0.059)
+_BASE_SIDE = wp.constant(0.182)
 _BASE_TOP = wp.constant(0.20)  # with the laser
 _MAST = wp.constant(wp.vec2(-0.067, 0.135))
 _TOP = wp.constant(1.42)
@@ -92,7 +93,7 @@ def robot_disc(i: int, joints: vec8) -> Disc:
     if k < _NUM_ARM - 1:
         return _disc(-0.104, wrist[1] * float(k + 1) / float(_NUM_ARM - 1), 0.05, lift + 0.16, lift + 0.23)
     if k == _NUM_ARM - 1:
-        return _disc(wrist[0] - 0.03, wrist[1], 0.075, lift + 0.09, lift + 0.23)
+        return _disc(wrist[0], wrist[1], 0.09, lift + 0.09, lift + 0.23)
     k -= _NUM_ARM
     # From the wrist to the fingertips, 0.29 m ahead; open fingers spread out.
     ahead = 0.08 + 0.07 * float(k)
@@ -109,7 +110,14 @@ def robot_disc(i: int, joints: vec8) -> Disc:
 
 @wp.func
 def _disc_touches(
-    disc: Disc, x: float, y: float, margin: float, centre: wp.vec3, yaw: float, half: wp.vec3, is_cylinder: bool
+    disc: Disc,
+    x: float,
+    y: float,
+    margin: float,
+    centre: wp.vec3,
+    yaw: float,
+    half: wp.vec3,
+    is_cylinder: bool,
 ) -> bool:
     """Whether a disc at (x, y) in the world comes closer to a slot than a margin."""
     if disc.high + margin < centre[2] - half[2] or disc.low - margin > centre[2] + half[2]:
@@ -132,11 +140,7 @@ def pose_is_clear(
     pose: wp.vec3,
     joints: vec8,
     margin: float,
-    is_cylinder: wp.array(dtype=bool),
-    pos: wp.array2d(dtype=wp.vec3),
-    yaw: wp.array2d(dtype=float),
-    half_size: wp.array2d(dtype=wp.vec3),
-    active: wp.array2d(dtype=bool),
+    slots: Slots,
 ) -> bool:
     """Whether a robot pose (x, y, yaw) keeps a margin [m] from every active slot of a world."""
     c = wp.cos(pose[2])
@@ -145,17 +149,17 @@ def pose_is_clear(
         disc = robot_disc(i, joints)
         x = pose[0] + c * disc.centre[0] - s * disc.centre[1]
         y = pose[1] + s * disc.centre[0] + c * disc.centre[1]
-        for slot in range(pos.shape[1]):
-            if active[world, slot]:
+        for slot in range(slots.pos.shape[1]):
+            if slots.active[world, slot]:
                 if _disc_touches(
                     disc,
                     x,
                     y,
                     margin,
-                    pos[world, slot],
-                    yaw[world, slot],
-                    half_size[world, slot],
-                    is_cylinder[slot],
+                    slots.pos[world, slot],
+                    slots.yaw[world, slot],
+                    slots.half_size[world, slot],
+                    slots.is_cylinder[slot],
                 ):
                     return False
     return True
@@ -166,14 +170,10 @@ def put_start(
     world: int,
     p: ParamsStruct,
     seed: int,
-    is_cylinder: wp.array(dtype=bool),
-    pos: wp.array2d(dtype=wp.vec3),
-    yaw: wp.array2d(dtype=float),
-    half_size: wp.array2d(dtype=wp.vec3),
-    active: wp.array2d(dtype=bool),
+    slots: Slots,
     start_out: wp.array(dtype=wp.vec3),
     start_joints_out: wp.array2d(dtype=float),
-):
+) -> None:
     """Write a random clear start pose near the origin, or the aligned and stowed one if no draw is clear."""
     state = wp.rand_init(seed, 2)
     pose = wp.vec3(0.0, 0.0, 0.0)
@@ -190,17 +190,7 @@ def put_start(
             joints_try = joints
             for j in range(6):
                 joints_try[j] = wp.lerp(p.start_low[j], p.start_high[j], wp.randf(state))
-            found = pose_is_clear(
-                world,
-                pose_try,
-                joints_try,
-                p.start_clearance,
-                is_cylinder,
-                pos,
-                yaw,
-                half_size,
-                active,
-            )
+            found = pose_is_clear(world, pose_try, joints_try, p.start_clearance, slots)
             if found:
                 pose = pose_try
                 joints = joints_try

@@ -68,7 +68,7 @@ class Scandots:
             )
         if not 0 <= camera_site < site_xpos.shape[1]:
             raise ValueError(f"camera_site must be in [0, {site_xpos.shape[1]}), got {camera_site}")
-        nworld, nslot = obstacles.pos.shape
+        nworld = obstacles.pos.shape[0]
         if qpos.shape[0] != nworld or site_xpos.shape[0] != nworld or site_xmat.shape[0] != nworld:
             raise ValueError(
                 f"obstacles have {nworld} worlds, but qpos {qpos.shape[0]}, site_xpos {site_xpos.shape[0]} "
@@ -83,7 +83,7 @@ class Scandots:
         self._window = window
         self._near = near
         self._occlusion = occlusion
-        shape = (nworld, nslot, TOKEN_SIZE)
+        shape = (*obstacles.pos.shape, TOKEN_SIZE)
         self.all = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
         self.visible = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
 

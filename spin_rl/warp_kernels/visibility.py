@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (a Warp struct is an object, not a class, to a type checker)
 """What a pinhole camera sees among boxes and upright cylinders: frustum and line of sight."""
 
 import warp as wp

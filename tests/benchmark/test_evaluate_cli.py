@@ -28,7 +28,7 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "scene=missing.yaml"], "scene: there is no file missing.yaml"),
         (["policy=zero", "out=."], "out: . is a folder"),
         (["policy=zero", "task.episode_s=-1"], "task.episode_s must exceed"),
-        (["policy=zero", "task.camera_mount=sideways"], "camera_mount"),
+        (["policy=zero", "robot.profile=jet"], "robot: unknown profile 'jet'"),
         (["policy=zero", "epsiodes=3"], "epsiodes"),
     ],
 )

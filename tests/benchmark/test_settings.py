@@ -1,6 +1,9 @@
+import hydra
 import pytest
+from hydra.core.global_hydra import GlobalHydra
 
 from spin_rl.benchmark import settings
+from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.build import env_config
 
 TRAINED = {
@@ -62,3 +65,10 @@ def test_one_scandot_key_does_not_hide_the_others():
 
 def test_a_policy_without_configuration_changes_nothing(cfg):
     assert settings.for_policy(cfg, None, ()) == cfg
+
+
+def test_composing_leaves_a_running_command_alone():
+    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        running = GlobalHydra.instance().hydra
+        settings.compose()
+        assert GlobalHydra.instance().hydra is running

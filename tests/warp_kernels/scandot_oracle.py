@@ -41,7 +41,7 @@ def rotation_z(angle: float) -> np.ndarray:
 
 
 def camera_matrix(pan: float, tilt: float, roll: float = 0.0) -> np.ndarray:
-    """Columns: image right, image down, forward, for a level landscape camera that pans, tilts, then rolls."""
+    """Columns: image right, image down, forward, for a level camera that pans, tilts, then rolls."""
     forward = np.array([np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), np.sin(tilt)])
     right = np.array([np.sin(pan), -np.cos(pan), 0.0])
     return np.stack([right, np.cross(forward, right), forward], axis=1) @ rotation_z(roll)

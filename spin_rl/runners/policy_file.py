@@ -1,0 +1,146 @@
+"""Policies as small files: weights as safetensors, with all that is needed to use them in the header."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import safetensors
+import torch
+from rsl_rl.modules.distribution import Distribution
+from rsl_rl.utils import resolve_class
+from safetensors.torch import save
+from tensordict import TensorDict
+
+from spin_rl import paths
+from spin_rl.models import ScandotModel
+from spin_rl.runners.checkpoint import find_checkpoint, load_module_state, write_atomically
+from spin_rl.runners.config import MODEL_ARGUMENTS, check_class
+
+FORMAT_VERSION = 1
+_KEY = "spin_rl"
+
+
+def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Write the actor of a checkpoint as a policy file.
+
+    Args:
+        path: Destination, `<name>.safetensors`.
+        checkpoint: Checkpoint file or run folder.
+        facts: What a reader should know beside it, such as the training command and the hardware.
+
+    Returns:
+        The metadata that was written.
+
+    Raises:
+        FileNotFoundError: There is no checkpoint.
+        ValueError: The name has another suffix, or the checkpoint cannot be read.
+    """
+    if path.suffix != ".safetensors":
+        raise ValueError(f"A policy file is named <name>.safetensors, not {path.name}.")
+    weights, metadata = read_policy(checkpoint)
+    metadata |= {"facts": facts or {}}
+    data = save({key: tensor.contiguous() for key, tensor in weights.items()}, {_KEY: json.dumps(metadata)})
+    write_atomically(path, lambda file: file.write(data))
+    return metadata
+
+
+def load_policy(name_or_path: str | Path, obs: TensorDict | None = None, device: str = "cpu") -> ScandotModel:
+    """Build a trained actor, ready to act.
+
+    Args:
+        name_or_path: Name of a shipped policy, a policy file, a checkpoint or a run's folder.
+        obs: Observations of the environment that it shall act in, checked against those it was trained on.
+        device: Torch device.
+
+    Returns:
+        The model in evaluation mode; `model(obs)` gives its deterministic actions of shape (num_envs,
+        num_actions), `model.reset(dones)` clears the memory of the environments that are done.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+        ValueError: It is damaged, or does not fit the observations; one line that names what differs.
+    """
+    weights, metadata = read_policy(name_or_path)
+    dims = {group: metadata["obs_dims"][group] for group in metadata["obs_groups"]}
+    if obs is not None:
+        for group, dim in dims.items():
+            found = obs[group].shape[-1] if group in obs else None
+            if found != dim:
+                raise ValueError(
+                    f"{name_or_path} reads '{group}' of size {dim}; the environment's has size {found}."
+                )
+    example = TensorDict({group: torch.zeros(1, dim) for group, dim in dims.items()}, batch_size=[1])
+    # The file names classes: only models and distributions are built from it.
+    check_class(metadata["actor"], ScandotModel, "actor", MODEL_ARGUMENTS)
+    check_class(
+        metadata["actor"]["distribution_cfg"], Distribution, "actor.distribution_cfg", ("output_dim",)
+    )
+    model_class, arguments = resolve_class(metadata["actor"])
+    actor = model_class(
+        example, {"actor": metadata["obs_groups"]}, "actor", metadata["num_actions"], **arguments
+    )
+    load_module_state(actor, weights, "actor", str(name_or_path))
+    return actor.to(device).eval().requires_grad_(False)
+
+
+def read_policy(name_or_path: str | Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Read weights and metadata of a policy, on the CPU.
+
+    Returns:
+        Weights of the actor, and metadata: obs_groups (names), obs_dims, num_actions, actor (class and
+        arguments), config (whole configuration of the run), env_steps, iteration, minutes, and facts
+        where given.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+        ValueError: It is damaged.
+    """
+    path = find_policy(name_or_path)
+    if path.suffix == ".safetensors":
+        return _read_policy_file(path)
+    state = find_checkpoint(path)[1]
+    config = json.loads(state["config"])
+    metadata = {
+        "version": FORMAT_VERSION,
+        "obs_groups": config["runner"]["obs_groups"]["actor"],
+        "obs_dims": state["obs_dims"],
+        "num_actions": state["num_actions"],
+        "actor": config["runner"]["actor"],
+        "config": config["run"],
+        **{key: state[key] for key in ("env_steps", "iteration", "minutes")},
+    }
+    return state["actor"], metadata
+
+
+def find_policy(name_or_path: str | Path) -> Path:
+    """Return an existing path as it is, else that of the shipped policy of this name.
+
+    Raises:
+        FileNotFoundError: There is neither; the message lists the shipped ones.
+    """
+    path = Path(name_or_path)
+    if path.exists():
+        return path
+    shipped = paths.POLICY_DIR / f"{name_or_path}.safetensors"
+    if shipped.is_file():
+        return shipped
+    names = ", ".join(sorted(file.stem for file in paths.POLICY_DIR.glob("*.safetensors"))) or "none"
+    raise FileNotFoundError(
+        f"There is no policy '{name_or_path}': neither a path nor a shipped one ({names})."
+    )
+
+
+def _read_policy_file(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            metadata = json.loads((file.metadata() or {})[_KEY])
+            weights = {key: file.get_tensor(key) for key in file.keys()}
+    except (safetensors.SafetensorError, KeyError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not a policy file of this project: {error}") from error
+    if metadata.get("version") != FORMAT_VERSION:
+        raise ValueError(
+            f"{path} has format version {metadata.get('version')}; this program reads {FORMAT_VERSION}."
+        )
+    return weights, metadata

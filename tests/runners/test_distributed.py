@@ -1,0 +1,72 @@
+"""Two CPU replicas stay one model."""
+
+import socket
+
+import torch
+import training_jobs
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from spin_rl.runners import load_checkpoint
+from spin_rl.runners.distributed import mean_statistics
+
+
+def free_port() -> int:
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        return server.getsockname()[1]
+
+
+def test_replicas_stay_equal_and_one_of_them_writes(tmp_path, processes):
+    port = free_port()
+    jobs = [
+        processes.Process(target=training_jobs.train_in_parallel, args=(rank, 2, port, tmp_path))
+        for rank in (0, 1)
+    ]
+    for job in jobs:
+        job.start()
+    for job in jobs:
+        job.join(60.0)
+    assert [job.exitcode for job in jobs] == [0, 0]
+    first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
+    for model in ("actor", "critic"):
+        for name in first[model]:
+            assert torch.equal(first[model][name], second[model][name]), f"{model}.{name}"
+    assert first["learning_rate"] == second["learning_rate"]
+    # The normalizer has seen the samples of both.
+    assert first["actor"]["obs_normalizer.count"] == 3 * 8 * 12 * 2
+
+    for key in ("success_rate", "mean_return", "env_steps", "stopped_by"):
+        assert first["summary"][key] == second["summary"][key]
+    assert first["summary"]["env_steps"] == 3 * 8 * 12 * 2
+    assert len(list(tmp_path.glob("events.*"))) == 1
+    assert EventAccumulator(str(tmp_path)).Reload().Scalars("Perf/env_steps")[-1].value == 3 * 8 * 12 * 2
+
+    state = load_checkpoint(tmp_path / "checkpoints" / "last.pt")
+    positions = [process["env"]["position"] for process in state["processes"]]
+    assert len(positions) == 2 and not torch.equal(*positions)  # each one's own environments
+
+
+class TwoProcesses:
+    """This process and one that finished `other`."""
+
+    parallel, world_size = True, 2
+
+    def __init__(self, *other: list[float]) -> None:
+        self.other = list(other)
+
+    def sum(self, values):
+        return [own + theirs for own, theirs in zip(values, self.other.pop(0), strict=True)]
+
+
+def test_statistics_are_weighted_by_episodes():
+    processes = TwoProcesses([1.0], [0.25 * 8.0, 0.25 * 0.0])
+    mean = mean_statistics(processes, {"success_rate": 1.0, "episodes": 3.0, "mean_return": 4.0})
+    assert mean == {"episodes": 4.0, "mean_return": 0.75 * 4.0 + 2.0, "success_rate": 0.75}
+
+
+def test_statistics_of_a_process_without_episodes_do_not_count():
+    processes = TwoProcesses([5.0], [0.9])
+    assert mean_statistics(processes, {"episodes": 0.0, "success_rate": float("nan")}) == {
+        "episodes": 5.0,
+        "success_rate": 0.9,
+    }

@@ -1,0 +1,138 @@
+"""Scene files: what they mean, and one line for whatever is wrong with them."""
+
+import copy
+
+import numpy as np
+import pytest
+import yaml
+
+from spin_rl import robot
+from spin_rl.config import ConfigError
+from spin_rl.paths import CONF_DIR
+from spin_rl.scenes.planner import find_path
+from spin_rl.scenes.scene_file import layout_from_scene, load_scene, scene_pool
+
+EXAMPLES = sorted((CONF_DIR / "scenes_examples").glob("*.yaml"))
+
+GOOD = {
+    "start": {"position": [0.5, -0.25], "yaw": 1.0},
+    "goal": [4.0, 1.0],
+    "joints": {"lift": 0.8},
+    "walls": [{"position": [2.0, 2.0], "size": [6.0, 0.1, 1.5], "yaw": 0.1}],
+    "boxes": [{"position": [2.0, 0.0, 1.3], "size": [0.3, 0.4, 0.2], "yaw": -0.5}],
+    "cylinders": [{"position": [3, 0], "radius": 0.1, "height": 0.4}],
+}
+
+
+def write(tmp_path, content):
+    path = tmp_path / "scene.yaml"
+    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    return path
+
+
+def changed(*path, value=None, delete=False):
+    """GOOD with one entry replaced, added or deleted."""
+    content = copy.deepcopy(GOOD)
+    at = content
+    for key in path[:-1]:
+        at = at[key]
+    if delete:
+        del at[path[-1]]
+    else:
+        at[path[-1]] = value
+    return content
+
+
+def test_numbers_arrive_where_they_belong(tmp_path, device):
+    scene = load_scene(write(tmp_path, GOOD))
+    layout = layout_from_scene(scene, 3, device)
+    assert (scene_pool(scene).num_walls, scene_pool(scene).num_boxes, scene_pool(scene).num_cylinders) == (1, 1, 1)
+    assert layout.active.numpy().all() and layout.num_obstacles.numpy().tolist() == [2, 2, 2]
+    for world in range(3):
+        np.testing.assert_allclose(
+            layout.pos.numpy()[world], [(2, 2, 0.75), (2, 0, 1.3), (3, 0, 0.2)], atol=1e-6
+        )
+        np.testing.assert_allclose(
+            layout.half_size.numpy()[world], [(3, 0.05, 0.75), (0.15, 0.2, 0.1), (0.1, 0.1, 0.2)], atol=1e-6
+        )
+        np.testing.assert_allclose(layout.yaw.numpy()[world], [0.1, -0.5, 0.0], atol=1e-6)
+        np.testing.assert_allclose(layout.start.numpy()[world], [0.5, -0.25, 1.0], atol=1e-6)
+        np.testing.assert_allclose(layout.goal.numpy()[world], [4.0, 1.0], atol=1e-6)
+        joints = dict(robot.STOWED) | {"lift": 0.8}
+        np.testing.assert_allclose(
+            layout.start_joints.numpy()[world], [joints[name] for name in robot.JOINTS], atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_load_and_can_be_solved(path):
+    assert find_path(load_scene(path)) is not None
+
+
+def test_there_are_two_examples():
+    assert [path.stem for path in EXAMPLES] == ["corridor", "lab"]
+
+
+def test_three_hundred_obstacles_load(tmp_path, device):
+    many = [{"position": [i % 20 + 2.0, i // 20 + 2.0], "size": [0.1, 0.1, 0.1]} for i in range(300)]
+    scene = load_scene(write(tmp_path, {"start": GOOD["start"], "goal": [1, 0], "boxes": many}))
+    assert layout_from_scene(scene, 1, device).active.numpy().sum() == 300
+    with pytest.raises(ConfigError, match="at most 300"):
+        load_scene(write(tmp_path, {"start": GOOD["start"], "goal": [1, 0], "boxes": many + many[:1]}))
+
+
+def test_an_empty_floor_is_a_scene(tmp_path):
+    scene = load_scene(write(tmp_path, {"start": GOOD["start"], "goal": [1, 0]}))
+    assert not scene.active.any() and scene.pool.num_slots == 1
+
+
+BAD = {
+    "unknown top key": (changed("wals", value=[]), "unknown key 'wals'"),
+    "unknown slot key": (changed("boxes", 0, "colour", value=1), r"boxes\[0\]: unknown key 'colour'"),
+    "unknown joint": (changed("joints", "elbow", value=1.0), "joints: unknown key 'elbow'"),
+    "radius on a box": (changed("boxes", 0, "radius", value=1), r"boxes\[0\]: unknown key 'radius'"),
+    "missing goal": (changed("goal", delete=True), "goal is missing"),
+    "missing size": (changed("walls", 0, "size", delete=True), r"walls\[0\]: size is missing"),
+    "missing height": (changed("cylinders", 0, "height", delete=True), r"cylinders\[0\]: height is missing"),
+    "short size": (changed("boxes", 0, "size", value=[1.0, 1.0]), r"boxes\[0\].size: expected a list of 3"),
+    "long position": (changed("boxes", 0, "position", value=[1, 1, 1, 1]), r"boxes\[0\].position: .* 2 or 3"),
+    "long goal": (changed("goal", value=[1, 1, 1]), "goal: expected a list of 2"),
+    "negative size": (changed("boxes", 0, "size", value=[1.0, -1.0, 1.0]), r"boxes\[0\].size: must be positive"),
+    "zero radius": (changed("cylinders", 0, "radius", value=0), r"cylinders\[0\].radius: must be positive"),
+    "not a number": (changed("boxes", 0, "yaw", value=float("nan")), r"boxes\[0\].yaw: expected a number"),
+    "infinite": (changed("goal", value=[float("inf"), 0]), "goal: expected a number"),
+    "huge": (changed("goal", value=[10**400, 0]), "goal: expected a number"),
+    "text": (changed("start", "yaw", value="left"), "start.yaw: expected a number"),
+    "boolean": (changed("start", "yaw", value=True), "start.yaw: expected a number"),
+    "boxes not a list": (changed("boxes", value={"a": 1}), "boxes: expected a list"),
+    "joint out of range": (changed("joints", "lift", value=2.0), r"joints.lift: must be in \[0.0, 1.1\]"),
+    "list at the top": ([1, 2], "the scene: expected keys"),
+    "empty file": ("", "the scene: expected keys"),
+    "broken YAML": ("start: [1, 2\ngoal: }", "not valid YAML at line 2"),
+    "impossible date": ("start: 2020-99-99", "not valid YAML"),
+    "start in a box": (changed("start", "position", value=[3.0, 0.2]), "start: .* collision .*cylinder_0"),
+    "start under a box": (
+        changed("start", "position", value=[2.1, -0.05]),
+        r"start: .* collision \(.*box_0|start: .* collision \(box_0",
+    ),
+    "goal inside": (changed("goal", value=[3.0, 0.05]), "goal: lies inside cylinder_0"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_get_one_line_with_file_and_key(case, tmp_path):
+    content, message = BAD[case]
+    path = write(tmp_path, content)
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_scene(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ConfigError, match=r"nothing.yaml: cannot read the file"):
+        load_scene(tmp_path / "nothing.yaml")
+    binary = tmp_path / "binary.yaml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not a text file"):
+        load_scene(binary)
