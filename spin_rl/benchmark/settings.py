@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import hydra
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.paths import CONF_DIR
@@ -13,7 +15,8 @@ from spin_rl.paths import CONF_DIR
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:
     """Compose conf/eval.yaml, also inside another command's run."""
-    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+    running = GlobalHydra.instance().is_initialized()  # commands here all search the same folder
+    with nullcontext() if running else hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         return hydra.compose("eval", list(overrides))
 
 

@@ -111,12 +111,14 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
     blocked = np.zeros((len(HEADINGS_RAD), len(y), len(x)), dtype=bool)
     for slot in np.flatnonzero(scene.active):
         centre, half = scene.pos[slot], scene.half_size[slot] + MARGIN_M
+        extent = _extent(half, scene.yaw[slot])
+        is_cylinder = bool(scene.is_cylinder[slot])
         hit = (columns[:, 1, 2] > centre[2] - half[2]) & (columns[:, 0, 2] < centre[2] + half[2])
         for low, high in columns[hit]:
             part_half, part_centre = 0.5 * (high - low)[:2], 0.5 * (high + low)[:2]
-            reach = np.hypot(*part_half) + np.hypot(*half[:2]) + np.hypot(*part_centre)
-            ix = slice(*np.searchsorted(x, (centre[0] - reach, centre[0] + reach)))
-            iy = slice(*np.searchsorted(y, (centre[1] - reach, centre[1] + reach)))
+            reach = extent + np.hypot(*part_half) + np.hypot(*part_centre)
+            ix = slice(*np.searchsorted(x, (centre[0] - reach[0], centre[0] + reach[0])))
+            iy = slice(*np.searchsorted(y, (centre[1] - reach[1], centre[1] + reach[1])))
             if ix.start == ix.stop or iy.start == iy.stop:
                 continue
             for heading, yaw in enumerate(HEADINGS_RAD):
@@ -129,9 +131,15 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
                     centre,
                     scene.yaw[slot],
                     half,
-                    bool(scene.is_cylinder[slot]),
+                    is_cylinder,
                 )
     return blocked
+
+
+def _extent(half_size: np.ndarray, yaw: float) -> np.ndarray:
+    """Half extents along the world's x and y of a turned box."""
+    c, s = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
+    return np.array([half_size[0] * c + half_size[1] * s, half_size[0] * s + half_size[1] * c])
 
 
 def _overlaps(
@@ -178,9 +186,7 @@ class _Grid:
         """A lattice over the scene's slots, start and goal."""
         corners = [scene.start[:2], scene.goal]
         for slot in np.flatnonzero(scene.active):
-            c, s = np.abs(np.cos(scene.yaw[slot])), np.abs(np.sin(scene.yaw[slot]))
-            hx, hy = scene.half_size[slot, :2]
-            reach = np.array([hx * c + hy * s, hx * s + hy * c])
+            reach = _extent(scene.half_size[slot], scene.yaw[slot])
             corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
         before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / RESOLUTION_M).astype(int)
         after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / RESOLUTION_M).astype(int)

@@ -12,9 +12,9 @@ All lengths in metres, angles in radians, in the world frame (z up, floor at 0):
     cylinders:
       - {position: [3, -0.3], radius: 0.1, height: 0.2}
 
-A position is the centre; without a z the thing stands on the floor. A size is the full extent along the thing's
-own x, y and z. Walls are boxes that the robot perceives piece by piece: use them for what is longer than about
-2 m.
+A position is the centre; without a z the thing stands on the floor. A size is the full extent along the
+thing's own x, y and z. Walls are boxes that the robot perceives piece by piece: use them for what is longer
+than about 2 m.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.generator import GeneratorParams, generate_layouts
-from spin_rl.scenes.layout import PoolSpec
+from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim import SimConfig, Simulation
 from spin_rl.sim.graph import StepGraph
@@ -139,7 +139,14 @@ class NavEnv(VecEnv):
     """
 
     def __init__(
-        self, cfg: NavConfig, num_envs: int, device: str = "cpu", seed: int = 0, *, capture: bool = True
+        self,
+        cfg: NavConfig,
+        num_envs: int,
+        device: str = "cpu",
+        seed: int = 0,
+        *,
+        scene: Scene | None = None,
+        capture: bool = True,
     ) -> None:
         """Allocate all worlds, compile kernels and start every episode.
 
@@ -148,6 +155,7 @@ class NavEnv(VecEnv):
             num_envs: Number of worlds.
             device: Warp and Torch device.
             seed: Seed of layouts, start poses, dynamics and sensor noise.
+            scene: A fixed scene for every world and episode instead of the generator's corridors.
             capture: False launches kernels eagerly.
         """
         if num_envs < 1:
@@ -157,7 +165,11 @@ class NavEnv(VecEnv):
         self.num_actions = len(robot.ACTIONS)
         self.device = device
         self.max_episode_length = round(cfg.episode_s / cfg.sim.control_period)
-        self.sim = Simulation(num_envs, PoolSpec(), robot.SPEED_PROFILES[cfg.robot_profile], cfg.sim, device)
+        self._scene = scene
+        pool = PoolSpec() if scene is None else scene.pool
+        self.sim = Simulation(num_envs, pool, robot.SPEED_PROFILES[cfg.robot_profile], cfg.sim, device)
+        if scene is not None:
+            self.sim.layout.load(scene)
         with wp.ScopedDevice(device):
             self._allocate(cfg, seed)
         self.scandots = Scandots(
@@ -258,16 +270,17 @@ class NavEnv(VecEnv):
 
     def _launch_reset(self, mask: wp.array) -> None:
         sim = self.sim
-        generate_layouts(
-            sim.layout,
-            self.cfg.scene,
-            seed=self._seed,
-            counter=self._layout_counter,
-            mask=mask,
-            scenario_choice=self._scenario_choice,
-            difficulty_choice=self._difficulty_choice,
-            level=self._level,
-        )
+        if self._scene is None:
+            generate_layouts(
+                sim.layout,
+                self.cfg.scene,
+                seed=self._seed,
+                counter=self._layout_counter,
+                mask=mask,
+                scenario_choice=self._scenario_choice,
+                difficulty_choice=self._difficulty_choice,
+                level=self._level,
+            )
         sim.reset(mask)
         wp.launch(
             episode._begin_episodes,

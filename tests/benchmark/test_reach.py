@@ -7,7 +7,9 @@ import torch
 from spin_rl import robot
 from spin_rl.benchmark import policies, reach
 from spin_rl.config import ConfigError
+from spin_rl.scenes.scene_file import load_scene
 from spin_rl.tasks import episode
+from spin_rl.tasks.nav import NavConfig
 
 BASE, ARM = robot.PARTS.index("base"), robot.PARTS.index("arm")
 
@@ -156,3 +158,26 @@ def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, devic
     assert [row["duration_all_s"] for row in result["rows"]] == pytest.approx([60.0] * 6)
     printed = capsys.readouterr().out
     assert "SPIN (CVO)" in printed and printed.strip().splitlines()[-1].startswith(f"Wrote {path}")
+
+
+def test_a_scene_file_is_one_row(tmp_path, device):
+    path = tmp_path / "room.yaml"
+    path.write_text(
+        "start: {position: [0, 0], yaw: 0}\n"
+        "goal: [2, 0]\n"
+        "boxes:\n" + "".join(f"  - {{position: [1, {y}], size: [0.1, 0.1, 0.5]}}\n" for y in range(2, 22))
+    )
+    result = reach.evaluate_reach(
+        policies.open_policy("zero")[0],
+        NavConfig(episode_s=0.5),
+        episodes=3,
+        seeds=[0],
+        device=device,
+        num_envs=2,
+        scene=load_scene(path),
+        scene_name=path.name,
+    )
+    (row,) = result["rows"]
+    assert (row["scenario"], row["difficulty"], row["episodes"]) == ("room.yaml", "scene", 3)
+    assert row["timeout_rate"] == 1.0
+    assert row["final_distance_m"] == pytest.approx(2.0, abs=0.01)

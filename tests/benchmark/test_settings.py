@@ -70,5 +70,5 @@ def test_a_policy_without_configuration_changes_nothing(cfg):
 def test_composing_leaves_a_running_command_alone():
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         running = GlobalHydra.instance().hydra
-        settings.compose()
+        assert settings.compose().task.episode_s == 60.0
         assert GlobalHydra.instance().hydra is running

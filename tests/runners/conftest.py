@@ -9,5 +9,7 @@ import pytest
 def processes():
     """Start processes from a server that has imported the slow libraries once."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["training_jobs", "torch.utils.tensorboard"])
+    context.set_forkserver_preload(
+        ["torch.utils.tensorboard", "rsl_rl.runners", "safetensors.torch", "spin_rl.runners"]
+    )
     return context

@@ -15,11 +15,11 @@ class FakeEnv:
     num_actions = NUM_ACTIONS
     max_episode_length = 20
     device = "cpu"
-    cfg: dict = {}
     restores_episodes = True
 
     def __init__(self, num_envs: int = 12, seed: int = 0, poisoned_steps: tuple[int, ...] = ()):
         self.num_envs = num_envs
+        self.cfg = {}
         self.generator = torch.Generator().manual_seed(seed)
         self.poisoned_steps = poisoned_steps
         self.steps = 0

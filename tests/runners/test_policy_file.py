@@ -86,7 +86,7 @@ def test_bad_files_are_refused(run, tmp_path):
     safetensors.torch.save_file({"x": torch.zeros(1)}, path)
     with pytest.raises(ValueError, match="not a policy file"):
         load_policy(path)
-    with pytest.raises(ValueError, match="named <name>.safetensors"):
+    with pytest.raises(ValueError, match=r"named <name>\.safetensors"):
         save_policy(tmp_path / "a.pt", run[1])
 
 

@@ -48,12 +48,10 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path, critic, schedule):
 
 
 def test_same_seed_gives_the_same_bits_and_another_seed_does_not():
-    runs = [PPORunner(FakeEnv(), make_config() | {"seed": seed}) for seed in (3, 3, 4)]
-    for runner in runs:
-        torch.manual_seed(0)
-    for seed, runner in zip((3, 3, 4), runs, strict=True):
-        torch.manual_seed(seed)
-        runner.train(3)
+    runs = []
+    for seed in (3, 3, 4):
+        runs.append(PPORunner(FakeEnv(), make_config() | {"seed": seed}))
+        runs[-1].train(3)
     assert_same_bits(parameters(runs[0]), parameters(runs[1]))
     assert not torch.equal(parameters(runs[0])["mlp.0.weight"], parameters(runs[2])["mlp.0.weight"])
 
@@ -135,20 +133,11 @@ def test_a_second_signal_ends_the_process_at_once(tmp_path, processes):
     assert process.exitcode == -signal.SIGINT
 
 
-def test_bad_rollouts_are_counted_and_survived(capsys):
+def test_bad_rollouts_are_counted_and_survived():
     runner = PPORunner(FakeEnv(poisoned_steps=(10,)), make_config())
     summary = runner.train(4)
     assert summary["skipped_steps"] == 6  # all of one iteration's
-    assert "6 optimizer steps skipped" in runner._text(runner_limits())
     assert all(value.isfinite().all() for value in parameters(runner).values())
-
-
-def runner_limits():
-    from spin_rl.runners.stop import Limits
-
-    limits = Limits(10, None, 0)
-    limits.advance(1.0)
-    return limits
 
 
 @pytest.mark.parametrize(

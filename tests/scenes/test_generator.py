@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import warp as wp
+from scene_worlds import PARAMS, corners, distractors, generate, inputs, legs, obstacles, values
 from scipy import ndimage
 
 from spin_rl import robot
@@ -13,7 +14,6 @@ from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.generator import generate_layouts
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.params import GeneratorParams
-from scene_worlds import PARAMS, corners, distractors, generate, inputs, legs, obstacles, values
 
 CELLS = [(scenario, difficulty) for scenario in (1, 2) for difficulty in (0, 1, 2)]
 
@@ -126,11 +126,16 @@ def test_obstacles_are_inside_and_leave_a_passage(scenario, level, device):
         rectangles = legs(scene, width)
         for slot in obstacles(scene):
             points = corners(scene, slot)
-            fits = [leg for leg in rectangles if (points > leg[0] - 1e-4).all() and (points < leg[1] + 1e-4).all()]
+            fits = [
+                leg for leg in rectangles if (points > leg[0] - 1e-4).all() and (points < leg[1] + 1e-4).all()
+            ]
             assert fits, (scene.pos[slot], scene.half_size[slot])
             # The leg's short side is the one across.
             across = int(np.argmin(fits[0][1] - fits[0][0]))
-            low, high = points[:, across].min() - fits[0][0][across], fits[0][1][across] - points[:, across].max()
+            low, high = (
+                points[:, across].min() - fits[0][0][across],
+                fits[0][1][across] - points[:, across].max(),
+            )
             assert max(low, high) >= PARAMS.passage - 1e-4
             along = np.abs(points[:, 0]).min() if across == 1 and not scene.bend else np.inf
             assert along >= 0.0585 + PARAMS.first_obstacle - 1e-4
@@ -216,7 +221,10 @@ def test_start_poses_are_clear_in_mujoco(scenario, device):
         for geom in own:
             for other in others:
                 distance = mujoco.mj_geomDistance(model, data, int(geom), int(other), 0.2, None)
-                assert distance > PARAMS.start_clearance - 1e-3, (model.geom(geom).name, model.geom(other).name)
+                assert distance > PARAMS.start_clearance - 1e-3, (
+                    model.geom(geom).name,
+                    model.geom(other).name,
+                )
 
 
 @pytest.mark.parametrize(
@@ -238,7 +246,9 @@ def test_bad_parameters_are_named(change, key):
         dataclasses.replace(GeneratorParams(), **change)
 
 
-@pytest.mark.parametrize(("pool", "key"), [(PoolSpec(5, 7, 3), "num_walls"), (PoolSpec(6, 4, 3), "num_boxes")])
+@pytest.mark.parametrize(
+    ("pool", "key"), [(PoolSpec(5, 7, 3), "num_walls"), (PoolSpec(6, 4, 3), "num_boxes")]
+)
 def test_small_pools_are_rejected(pool, key, device):
     with pytest.raises(ValueError, match=key):
         generate(2, device, pool=pool)

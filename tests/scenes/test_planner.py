@@ -12,7 +12,7 @@ from spin_rl.scenes.solvability import CELLS, generate_scenes, is_solvable
 
 
 def corridor(*boxes) -> Scene:
-    """A corridor 1 m wide along x with boxes given as (x range, y range, z range); start at 0, goal at 3 m."""
+    """A corridor 1 m wide along x with boxes given as (x, y, z) ranges; start at 0, goal at 3 m."""
     walls = [
         ((-1.1, 4.1), (0.5, 0.6), (0, 1.5)),
         ((-1.1, 4.1), (-0.6, -0.5), (0, 1.5)),
@@ -75,7 +75,7 @@ def test_the_way_around_a_corner_of_boxes_needs_room_to_swing():
 
 
 def test_blocked_poses_are_those_where_mujoco_finds_contact():
-    """Random poses near a yawed box and a cylinder: contact is never missed, and clearly free poses are free."""
+    """Random poses near a yawed box and a cylinder: contact is never missed, clear poses are free."""
     scene = Scene.empty(PoolSpec(0, 1, 1))
     scene.pos[:] = [(0.0, 0.0, 0.5), (1.0, 0.0, 0.1)]
     scene.half_size[:] = [(0.2, 0.1, 0.5), (0.12, 0.12, 0.1)]
@@ -83,7 +83,6 @@ def test_blocked_poses_are_those_where_mujoco_finds_contact():
     scene.active[:] = True
     model = native_model(scene)
     data = mujoco.MjData(model)
-    model.geom_margin[:] = 0.0
     x, y = np.linspace(-0.7, 1.7, 25), np.linspace(-0.7, 0.7, 15)
     blocked = blocked_poses(scene, x, y, robot.STOWED["lift"])
     rng = np.random.default_rng(0)
@@ -98,9 +97,15 @@ def test_blocked_poses_are_those_where_mujoco_finds_contact():
             assert blocked[heading, row, column]
         elif blocked[heading, row, column]:
             # Only what lies close: bounding boxes of capsules and the planner's margin.
-            own = [g for g in range(model.ngeom) if model.geom_bodyid[g] and model.geom_contype[g] + model.geom_conaffinity[g]]
+            own = [
+                g
+                for g in range(model.ngeom)
+                if model.geom_bodyid[g] and model.geom_contype[g] + model.geom_conaffinity[g]
+            ]
             scene_geoms = [model.geom("box_0").id, model.geom("cylinder_0").id]
-            distances = [mujoco.mj_geomDistance(model, data, a, b, 0.2, None) for a in own for b in scene_geoms]
+            distances = [
+                mujoco.mj_geomDistance(model, data, a, b, 0.2, None) for a in own for b in scene_geoms
+            ]
             assert min(distances) < 0.08
     assert touching > 200
 

@@ -46,7 +46,11 @@ def changed(*path, value=None, delete=False):
 def test_numbers_arrive_where_they_belong(tmp_path, device):
     scene = load_scene(write(tmp_path, GOOD))
     layout = layout_from_scene(scene, 3, device)
-    assert (scene_pool(scene).num_walls, scene_pool(scene).num_boxes, scene_pool(scene).num_cylinders) == (1, 1, 1)
+    assert (scene_pool(scene).num_walls, scene_pool(scene).num_boxes, scene_pool(scene).num_cylinders) == (
+        1,
+        1,
+        1,
+    )
     assert layout.active.numpy().all() and layout.num_obstacles.numpy().tolist() == [2, 2, 2]
     for world in range(3):
         np.testing.assert_allclose(
@@ -97,7 +101,10 @@ BAD = {
     "short size": (changed("boxes", 0, "size", value=[1.0, 1.0]), r"boxes\[0\].size: expected a list of 3"),
     "long position": (changed("boxes", 0, "position", value=[1, 1, 1, 1]), r"boxes\[0\].position: .* 2 or 3"),
     "long goal": (changed("goal", value=[1, 1, 1]), "goal: expected a list of 2"),
-    "negative size": (changed("boxes", 0, "size", value=[1.0, -1.0, 1.0]), r"boxes\[0\].size: must be positive"),
+    "negative size": (
+        changed("boxes", 0, "size", value=[1.0, -1.0, 1.0]),
+        r"boxes\[0\].size: must be positive",
+    ),
     "zero radius": (changed("cylinders", 0, "radius", value=0), r"cylinders\[0\].radius: must be positive"),
     "not a number": (changed("boxes", 0, "yaw", value=float("nan")), r"boxes\[0\].yaw: expected a number"),
     "infinite": (changed("goal", value=[float("inf"), 0]), "goal: expected a number"),
