@@ -20,7 +20,7 @@ def from_mapping(cls: type[T], values: Mapping[str, Any], path: str = "") -> T:
 
     Args:
         cls: A dataclass; nested dataclass fields take nested mappings.
-        values: One value per field, missing ones keep their defaults.
+        values: One value per field, missing ones keep their defaults; nested dataclasses are taken as such.
         path: Where the mapping stands in the configuration, for messages.
 
     Raises:
@@ -43,6 +43,8 @@ def from_mapping(cls: type[T], values: Mapping[str, Any], path: str = "") -> T:
 def _convert(hint: Any, value: Any, where: str) -> Any:
     origin = typing.get_origin(hint)
     if dataclasses.is_dataclass(hint):
+        if isinstance(value, typing.cast(type, hint)):
+            return value
         if not isinstance(value, Mapping):
             raise ConfigError(f"{where}: expected a mapping, got {value!r}")
         return from_mapping(typing.cast(type, hint), value, where)

@@ -57,10 +57,25 @@ def open_policy(name: str) -> tuple[PolicyFactory, dict[str, Any]]:
     if name == "random":
         return lambda obs, device: RandomPolicy(device), {}
     try:
-        config = policy_file.read_policy(name)[1]["config"]
+        metadata = policy_file.read_policy(name)[1]
     except FileNotFoundError as error:
         untrained = "" if Path(name).exists() else f" Always there: {', '.join(UNTRAINED)}."
         raise ConfigError(f"policy: {error}{untrained}") from None
     except ValueError as error:
         raise ConfigError(f"policy: {error}") from None
-    return lambda obs, device: policy_file.load_policy(name, obs, device), config
+    return (
+        lambda obs, device: policy_file.load_policy(name, _comparable(obs, metadata), device),
+        metadata["config"],
+    )
+
+
+def _comparable(obs: TensorDict, metadata: dict[str, Any]) -> TensorDict:
+    """Observations to compare with those of the training; a PointNet takes any number of scandots."""
+    if metadata["actor"].get("encoder") != "pointnet":
+        return obs
+    trained = {
+        group: torch.zeros(*obs.batch_size, dim)
+        for group, dim in metadata["obs_dims"].items()
+        if group.startswith("scandots")
+    }
+    return TensorDict({**obs, **trained}, batch_size=obs.batch_size)

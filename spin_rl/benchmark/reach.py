@@ -18,7 +18,7 @@ from spin_rl import robot
 from spin_rl.benchmark.metrics import Episodes, summarize
 from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.config import ConfigError
-from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.tasks.nav import NavConfig, NavEnv
 
 # Worlds in one batch: a CPU core has no use for more, and a GPU is full.
@@ -99,7 +99,7 @@ def evaluate_reach(
     start = time.monotonic()
     per_cell: list[list[Episodes]] = [[] for _ in cells]
     with announce(f"Starting {nworld} worlds on {device}") if announce else contextlib.nullcontext():
-        env = NavEnv(cfg, nworld, device, scene=scene)
+        env = NavEnv(cfg, nworld, device, scene=in_usual_pool(scene) if scene else None)
     policy = make_policy(env.get_observations(), device)
     for seed in seeds:
         env.reseed(seed)
@@ -137,6 +137,19 @@ def _check_counts(episodes: int, seeds: Sequence[int], num_envs: int | None) -> 
         raise ConfigError(f"seeds: every seed may appear once, got {list(seeds)}")
     if num_envs is not None and num_envs < 1:
         raise ConfigError(f"num_envs: at least 1 is needed, got {num_envs}")
+
+
+def in_usual_pool(scene: Scene) -> Scene:
+    """The same scene in the pool of the corridors, larger where the scene needs more slots.
+
+    With the usual slots, kernels need no new compilation and policies find the usual number of scandots.
+    """
+    counts = ("num_walls", "num_boxes", "num_cylinders")
+    usual = PoolSpec()
+    pool = PoolSpec(**{name: max(getattr(usual, name), getattr(scene.pool, name)) for name in counts})
+    layout = Layout(1, pool, "cpu")
+    layout.load(scene)
+    return layout.scene(0)
 
 
 def batch_size(episodes: int, num_envs: int | None, device: str) -> int:

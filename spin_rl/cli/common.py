@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 import threading
 import time
@@ -20,7 +21,14 @@ from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 
 # What a user can cause; anything else is a defect and keeps its traceback.
-USER_ERRORS = (ConfigError, ValueError, FileNotFoundError, FileExistsError, PermissionError)
+USER_ERRORS = (
+    ConfigError,
+    ValueError,
+    FileNotFoundError,
+    FileExistsError,
+    NotADirectoryError,
+    PermissionError,
+)
 
 
 def run(name: str, body: Callable[[DictConfig], None]) -> None:
@@ -39,8 +47,9 @@ def run(name: str, body: Callable[[DictConfig], None]) -> None:
         except USER_ERRORS as error:
             _fail(name, error)
 
-    overrides = [arg for arg in sys.argv[1:] if not arg.startswith("-")]
-    if "-m" not in sys.argv and "--multirun" not in sys.argv:
+    overrides = sys.argv[1:]
+    has_options = any(argument.startswith("-") for argument in overrides)  # Hydra's own: help, multirun
+    if not has_options:
         try:  # Hydra's own messages take many lines; composing first gives us the reason
             with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
                 OmegaConf.to_container(hydra.compose(name, overrides), resolve=True)
@@ -72,10 +81,10 @@ def resolve_device(device: str) -> str:
         return device
     if device == "cuda":
         device = f"cuda:{rank}"
-    try:
-        index = torch.device(device).index or 0
-    except RuntimeError:
-        raise ConfigError(f"device: unknown device {device!r}; use auto, cpu or cuda:0") from None
+    match = re.fullmatch(r"cuda:(\d+)", str(device))
+    if match is None:
+        raise ConfigError(f"device: unknown device {device!r}; use auto, cpu or cuda:0")
+    index = int(match[1])
     if not torch.cuda.is_available() or index >= torch.cuda.device_count():
         raise ConfigError(f"device: {device} is not available here; {torch.cuda.device_count()} GPUs found")
     return f"cuda:{index}"

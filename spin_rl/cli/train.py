@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
 
 import torch
 import yaml
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint, write_atomically
+from spin_rl.runners.config import check_config
 from spin_rl.tasks.build import env_config, plain
+from spin_rl.tasks.observations import GROUPS
 
 
 def main() -> None:
@@ -25,52 +29,73 @@ def main() -> None:
 def train(cfg: DictConfig) -> None:
     """Run one training to its limit of iterations or minutes and write its summary.
 
-    Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also the
-    reach benchmark of the result.
+    Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also
+    the reach benchmark of the result. Bad settings are found before anything is written or compiled.
     """
     from spin_rl.runners.ppo import PPORunner
     from spin_rl.tasks.nav import NavEnv
 
     values = plain(cfg)
     task = env_config(cfg)
+    _check(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
-    seed = int(values["seed"])
+    seed = values["seed"]
+    checkpoint = None if values["resume"] is None else resolve_checkpoint(values["resume"])
+    run_dir = _run_dir(values, checkpoint)
     if device == "cpu" and "WORLD_SIZE" not in os.environ:
         torch.set_num_threads(1)
     torch.manual_seed(seed)
 
-    run_dir = _run_dir(values)
     if common.is_main_process():
         _write_config(run_dir, values)
     with common.announced(f"Starting {values['num_envs']} worlds on {device}"):
         # Every process draws its own worlds.
-        env = NavEnv(task, int(values["num_envs"]), device, seed=seed + 10_000 * rank)
+        env = NavEnv(task, values["num_envs"], device, seed=seed + 10_000 * rank)
     learning = values["runner"] | {"seed": seed}
     runner = PPORunner(env, learning, run_dir, device, snapshot=values)
-    if values["resume"]:
-        runner.load(resolve_checkpoint(values["resume"]))
+    if checkpoint is not None:
+        runner.load(checkpoint)
     summary = runner.train(values["max_iterations"], values["max_minutes"])
     if not common.is_main_process():
         return
     summary |= {"device": device, "processes": int(os.environ.get("WORLD_SIZE", "1")), "seed": seed}
     path = run_dir / "summary.json"
-    _write_text(path, json.dumps(summary, indent=2) + "\n")
+    # JSON has no NaN: rates of no episodes are null.
+    plain_summary = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in summary.items()}
+    _write_text(path, json.dumps(plain_summary, indent=2, allow_nan=False) + "\n")
     print(f"Wrote {path}: success {summary['success_rate']:.2f} after {summary['env_steps']:,} env steps")
     if values["evaluate"]:
         from spin_rl.benchmark.reach import evaluate_run
 
-        evaluate_run(run_dir, episodes=int(values["evaluate"]), device=device)
+        evaluate_run(run_dir, episodes=values["evaluate"], device=device)
 
 
-def _run_dir(values: dict[str, Any]) -> Path:
+def _check(values: dict[str, Any]) -> None:
+    """Reject what needs no simulator to reject, before kernels are compiled and files written."""
+    for key, least in (("num_envs", 1), ("seed", 0), ("max_iterations", 1), ("evaluate", 0)):
+        value = values[key]
+        if type(value) is not int or value < least:
+            raise ConfigError(f"{key}: expected a whole number from {least} on, got {value!r}")
+    minutes = values["max_minutes"]
+    if minutes is not None and (type(minutes) not in (int, float) or not 0.0 < minutes < math.inf):
+        raise ConfigError(f"max_minutes: expected a positive number or null, got {minutes!r}")
+    for key in ("run_dir", "resume"):
+        if not isinstance(values[key], str) and not (key == "resume" and values[key] is None):
+            raise ConfigError(f"{key}: expected a path, got {values[key]!r}")
+    check_config(values["runner"], dict.fromkeys(GROUPS), values["num_envs"])
+
+
+def _run_dir(values: dict[str, Any], checkpoint: Path | None) -> Path:
     """The folder of this run: a resumed run stays in its own unless another is named."""
+    named = any(override.startswith("run_dir=") for override in HydraConfig.get().overrides.task)
+    if checkpoint is not None and checkpoint.parent.name == "checkpoints" and not named:
+        return checkpoint.parent.parent
     path = Path(values["run_dir"])
-    if values["resume"] is None and (path / "checkpoints" / "last.pt").exists():
+    if checkpoint is None and (path / "checkpoints" / "last.pt").exists():
         raise ConfigError(
             f"run_dir: {path} holds a run; continue it with resume={path} or name another folder"
         )
-    path.mkdir(parents=True, exist_ok=True)
     return path
 
 

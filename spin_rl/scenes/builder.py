@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
+# (to a type checker, wp.tid() has any number of values)
 """Scene geoms in MuJoCo: the fixed pool of the batched model, and ordinary models of one world."""
 
 import math

@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """Obstacles along a stretch of corridor, as Warp functions: always passable, by construction.
 
 A stretch has a coordinate s along and t across (left positive). Obstacles are drawn in the order in which the

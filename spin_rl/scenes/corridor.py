@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """Walls of straight and L-shaped corridors, as Warp functions.
 
 The path starts at the origin along +x. An L turns by 90 degrees after `first_leg`, to +y (side = 1) or -y

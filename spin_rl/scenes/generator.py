@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """Procedural corridors for all worlds at once, on the device.
 
 Source: SPIN paper, "Training environments" and "Simulation results": a straight corridor 1 m wide and an

@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """Parameters of the corridor generator, on the host and as the struct that its kernel reads."""
 
 import math

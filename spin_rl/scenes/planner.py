@@ -114,7 +114,7 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
         extent = _extent(half, scene.yaw[slot])
         is_cylinder = bool(scene.is_cylinder[slot])
         hit = (columns[:, 1, 2] > centre[2] - half[2]) & (columns[:, 0, 2] < centre[2] + half[2])
-        for low, high in columns[hit]:
+        for low, high in _outermost(columns[hit]):
             part_half, part_centre = 0.5 * (high - low)[:2], 0.5 * (high + low)[:2]
             reach = extent + np.hypot(*part_half) + np.hypot(*part_centre)
             ix = slice(*np.searchsorted(x, (centre[0] - reach[0], centre[0] + reach[0])))
@@ -134,6 +134,15 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
                     is_cylinder,
                 )
     return blocked
+
+
+def _outermost(columns: np.ndarray) -> np.ndarray:
+    """The columns that, seen from above, do not lie inside another one."""
+    low, high = columns[:, 0, :2], columns[:, 1, :2]
+    inside = ((low[:, None] >= low) & (high[:, None] <= high)).all(axis=2)
+    np.fill_diagonal(inside, False)
+    inside &= ~np.triu(inside & inside.T)  # of equal ones the first stays
+    return columns[~inside.any(axis=1)]
 
 
 def _extent(half_size: np.ndarray, yaw: float) -> np.ndarray:

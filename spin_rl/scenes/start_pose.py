@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """Start poses, as Warp functions: random where a simple robot model keeps its distance from everything.
 
 The model covers the Stretch RE1's collision shape (official URDF) with upright discs, each with a height

@@ -39,7 +39,7 @@ def _drive(
     # Out
     base_velocity_out: wp.array2d(dtype=float),
     ctrl_out: wp.array2d(dtype=float),
-):
+) -> None:
     w = wp.tid()
     scale = speed_scale[w]
 

@@ -21,7 +21,7 @@ def _set_start_state(
     qpos_out: wp.array2d(dtype=float),
     base_velocity_out: wp.array2d(dtype=float),
     action_out: wp.array2d(dtype=float),
-):
+) -> None:
     w = wp.tid()
     if not mask[w]:
         return

@@ -16,15 +16,18 @@ from spin_rl.sim import drive as drive_module
 from spin_rl.sim.reset import set_start_state
 from spin_rl.warp_kernels.contacts import part_contacts
 
-# Bits of mujoco_warp's Data.overflow that say that physics was dropped. The solver's iteration limits
-# (512 and 1024) are no losses: few iterations are a choice here.
-OVERFLOW_NAMES: dict[int, str] = {
-    1: "njmax",
-    2: "njmax_nnz",
-    4: "broadphase",
-    8: "narrowphase",
-    16: "ccd",
+# Bits of mujoco_warp's Data.overflow that say that contacts or constraints were dropped, with the SimConfig
+# key that makes room for them (none for a buffer of fixed size). The solver's iteration limits are no losses:
+# few iterations are a choice here. The other bits belong to features that this model does not use.
+OVERFLOWS: dict[str, tuple[int, str | None]] = {
+    "njmax": (int(mjw.OverflowType.NEFC), "constraints_per_world"),
+    "njmax_nnz": (int(mjw.OverflowType.NJMAX_NNZ), "constraints_per_world"),
+    "broadphase": (int(mjw.OverflowType.BROADPHASE), "contacts_per_world"),
+    "narrowphase": (int(mjw.OverflowType.NARROWPHASE), "contacts_per_world"),
+    "ccd": (int(mjw.OverflowType.CCD), "contacts_per_world"),
+    "epa_horizon": (int(mjw.OverflowType.EPA_HORIZON), None),
 }
+OVERFLOW_MODES = ("count", "raise")
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class SimConfig:
         ls_iterations: Line-search iterations.
         contacts_per_world: Contacts allocated per world, on average over the worlds.
         constraints_per_world: Constraint rows allocated for each world.
+        overflow: What to do about dropped contacts and constraints: "count" them in the statistics, or
+            "raise" an error when the statistics are read.
     """
 
     timestep: float = 0.02
@@ -46,6 +51,7 @@ class SimConfig:
     ls_iterations: int = 8
     contacts_per_world: int = 24
     constraints_per_world: int = 96
+    overflow: str = "count"
 
     def __post_init__(self) -> None:
         """Reject values that physics cannot run with."""
@@ -60,6 +66,8 @@ class SimConfig:
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"sim.{name} must be at least 1, got {getattr(self, name)}")
+        if self.overflow not in OVERFLOW_MODES:
+            raise ValueError(f"sim.overflow must be {' or '.join(OVERFLOW_MODES)}, got {self.overflow!r}")
 
     @property
     def control_period(self) -> float:
@@ -234,7 +242,7 @@ class Simulation:
 
 
 def _geom_parts(model: mujoco.MjModel) -> list[int]:
-    """Return the index into `robot.PARTS` of every geom, -1 for those that are no collision geom of the robot."""
+    """Return the index into `robot.PARTS` of every geom, -1 where it is no collision geom of the robot."""
     parts = []
     for geom in range(model.ngeom):
         collides = model.geom_bodyid[geom] > 0 and (model.geom_contype[geom] or model.geom_conaffinity[geom])

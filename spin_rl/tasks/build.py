@@ -8,7 +8,10 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError, from_mapping
+from spin_rl.scenes.params import GeneratorParams
+from spin_rl.sim import SimConfig
 from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.rewards import check_scales
 
 
 def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
@@ -39,14 +42,30 @@ def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:
     name = task.pop("name")
     if name != "nav":
         raise ConfigError(f"task: {name!r} is not a task of this command; use nav")
-    return from_mapping(
-        NavConfig,
-        task
-        | {
-            "robot_profile": values["robot"]["profile"],
-            "scene": values["scene"],
-            "sim": values["sim"],
-            "reward": values.get("reward", {}),
-        },
-        "task",
-    )
+    groups = {
+        "robot_profile": _robot_profile(values["robot"]),
+        "scene": from_mapping(GeneratorParams, values["scene"], "scene"),
+        "sim": from_mapping(SimConfig, values["sim"], "sim"),
+        "reward": _reward(values.get("reward") or {}),
+    }
+    for name in groups:
+        if name in task:
+            raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
+    return from_mapping(NavConfig, task | groups, "task")
+
+
+def _robot_profile(values: Mapping[str, Any]) -> str:
+    unknown = sorted(set(values) - {"profile"})
+    if unknown:
+        raise ConfigError(f"robot.{unknown[0]}: unknown key; choose from profile")
+    profile = values.get("profile")
+    if not isinstance(profile, str):
+        raise ConfigError(f"robot.profile: expected a name, got {profile!r}")
+    return profile
+
+
+def _reward(values: Mapping[str, Any]) -> dict[str, float]:
+    try:
+        return check_scales(dict(values))
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

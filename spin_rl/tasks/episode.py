@@ -50,7 +50,7 @@ def _end_episodes(
     final_qvel_out: wp.array2d(dtype=float),
     outcome_out: wp.array(dtype=wp.int32),
     done_out: wp.array(dtype=bool),
-):
+) -> None:
     w = wp.tid()
     episode_length[w] = episode_length[w] + 1
 
@@ -115,7 +115,7 @@ def _begin_episodes(
     distance_out: wp.array(dtype=float),
     lag_out: wp.array2d(dtype=float),
     speed_scale_out: wp.array(dtype=float),
-):
+) -> None:
     w = wp.tid()
     if not mask[w]:
         return
@@ -141,7 +141,7 @@ def _record_history(
     # Out
     dump_count_out: wp.array(dtype=wp.int32),
     dump_out: wp.array3d(dtype=float),
-):
+) -> None:
     w = wp.tid()
     nq = qpos.shape[1]
     nv = qvel.shape[1]
@@ -161,6 +161,7 @@ def _record_history(
             for k in range(length):
                 for i in range(history.shape[2]):
                     dump_out[slot, k, i] = history[w, (row + 1 + k) % length, i]
+    if outcome[w] != RUNNING:
         # States of one episode only: the next one starts with an empty record.
         for k in range(length):
             for i in range(history.shape[2]):
@@ -169,11 +170,16 @@ def _record_history(
 
 @wp.kernel
 def _count_overflow(
-    overflow: wp.array(dtype=wp.int32),
+    # In
     bits: wp.array(dtype=wp.int32),
+    # In and out
+    overflow: wp.array(dtype=wp.int32),
+    # Out
     count_out: wp.array(dtype=wp.int32),
-):
+) -> None:
     w = wp.tid()
     for i in range(bits.shape[0]):
         if (overflow[w] & bits[i]) != 0:
             wp.atomic_add(count_out, i, 1)
+    # mujoco_warp clears the bits at a reset only: what is counted now must not count again in the next step.
+    overflow[w] = 0

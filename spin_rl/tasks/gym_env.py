@@ -1,4 +1,9 @@
-"""The navigation task as a gymnasium vector environment, `gymnasium.make_vec("spin_rl/Nav-v0", num_envs=64)`."""
+"""The navigation task as a gymnasium vector environment.
+
+    import spin_rl.tasks.gym_env  # registers it
+
+    env = gymnasium.make_vec("spin_rl/Nav-v0", num_envs=64)
+"""
 
 from __future__ import annotations
 

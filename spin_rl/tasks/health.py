@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from spin_rl.sim.simulation import OVERFLOW_NAMES, Simulation
+from spin_rl.sim.simulation import OVERFLOWS, Simulation
 from spin_rl.tasks import episode
 
 HISTORY_STEPS = 8
@@ -20,7 +20,8 @@ class HealthMonitor:
 
     A world whose positions, velocities or action turn non-finite is reset by the task like any other that
     ended, and training goes on; its last control steps are kept for a look. Overflow means that mujoco_warp
-    dropped contacts or constraints of a world in the last substep of a control step.
+    dropped contacts or constraints of a world during a control step; the contact pool is shared by the worlds,
+    so that its overflow is counted in all of them.
     """
 
     def __init__(self, sim: Simulation, outcome: wp.array) -> None:
@@ -38,8 +39,8 @@ class HealthMonitor:
             self._history = wp.zeros((sim.nworld, HISTORY_STEPS, width), dtype=float)
             self._dump_count = wp.zeros(1, dtype=wp.int32)
             self._dump = wp.zeros((MAX_DUMPS, HISTORY_STEPS, width), dtype=float)
-            self._bits = wp.array(list(OVERFLOW_NAMES), dtype=wp.int32)
-            self._overflow_count = wp.zeros(len(OVERFLOW_NAMES), dtype=wp.int32)
+            self._bits = wp.array([bit for bit, _ in OVERFLOWS.values()], dtype=wp.int32)
+            self._overflow_count = wp.zeros(len(OVERFLOWS), dtype=wp.int32)
 
     def launch(self) -> None:
         """Record this control step; runs in the step graph after episodes ended and before the reset."""
@@ -53,15 +54,27 @@ class HealthMonitor:
         wp.launch(
             episode._count_overflow,
             dim=sim.nworld,
-            inputs=[sim.data.overflow, self._bits],
+            inputs=[self._bits, sim.data.overflow],
             outputs=[self._overflow_count],
         )
 
     def read(self) -> dict[str, float]:
-        """Return and clear the number of overflows by cause, as `overflow/<cause>`."""
-        counts = self._overflow_count.numpy()
+        """Return and clear the number of control steps with overflow, over all worlds, as `overflow/<cause>`.
+
+        Raises:
+            RuntimeError: There were some and `sim.overflow` is "raise"; the message names the key to
+                increase.
+        """
+        counts = dict(zip(OVERFLOWS, self._overflow_count.numpy().tolist(), strict=True))
         self._overflow_count.zero_()
-        return {f"overflow/{name}": float(n) for name, n in zip(OVERFLOW_NAMES.values(), counts, strict=True)}
+        config = self._sim.config
+        for cause, (_, key) in OVERFLOWS.items():
+            if config.overflow == "raise" and counts[cause] and key is not None:
+                raise RuntimeError(
+                    f"overflow/{cause}: mujoco_warp dropped contacts or constraints in {counts[cause]} "
+                    f"control steps of a world; increase sim.{key}, now {getattr(config, key)}"
+                )
+        return {f"overflow/{cause}": float(count) for cause, count in counts.items()}
 
     def dump(self, folder: Path) -> list[Path]:
         """Write one .npz per non-finite world since the last call (at most MAX_DUMPS) and clear the record.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,6 +39,13 @@ class CurriculumConfig:
     up: float = 0.1
     down: float = 0.05
 
+    def __post_init__(self) -> None:
+        """Reject levels and steps outside [0, 1]."""
+        for name in ("start", "up", "down"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"task.curriculum.{name} must be in [0, 1], got {value}")
+
 
 @dataclass(frozen=True)
 class DynamicsConfig:
@@ -57,8 +65,8 @@ class DynamicsConfig:
         """Reject ranges that the servos cannot have."""
         for name in ("base_lag_s", "joint_lag_s", "speed_scale"):
             low, high = getattr(self, name)
-            if not 0.0 < low <= high:
-                raise ValueError(f"dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")
+            if not 0.0 < low <= high < math.inf:
+                raise ValueError(f"task.dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,8 @@ class ScandotsConfig:
     """What the camera can see of the obstacles' corners.
 
     Attributes:
-        window_m: Half side of the square local window around the base [m] (paper, Implementation Details: 2 m).
+        window_m: Half side of the square local window around the base [m] (paper, Implementation Details:
+            2 m).
         near_m: Smallest depth that the camera sees [m].
         occlusion: Whether obstacles hide corners behind them, as they do in a depth image.
     """
@@ -74,6 +83,13 @@ class ScandotsConfig:
     window_m: float = 2.0
     near_m: float = 0.1
     occlusion: bool = True
+
+    def __post_init__(self) -> None:
+        """Reject lengths that are none."""
+        for name in ("window_m", "near_m"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"task.scandots.{name} must be positive, got {value}")
 
 
 @dataclass(frozen=True)
@@ -118,9 +134,11 @@ class NavConfig:
         """Reject impossible values with the key's name."""
         if self.robot_profile not in robot.SPEED_PROFILES:
             raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
-        if self.episode_s <= self.sim.control_period:
+        if self.camera_mount not in ("portrait", "landscape"):
+            raise ValueError(f"task.camera_mount must be portrait or landscape, got {self.camera_mount!r}")
+        if not self.sim.control_period < self.episode_s < math.inf:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
-        if self.goal_tolerance_m <= 0.0:
+        if not 0.0 < self.goal_tolerance_m < math.inf:
             raise ValueError(f"task.goal_tolerance_m must be positive, got {self.goal_tolerance_m}")
         if self.scenario not in (0, 1, 2):
             raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
@@ -133,9 +151,9 @@ class NavEnv(VecEnv):
     """Navigation in all worlds at once, as an rsl_rl vector environment.
 
     One captured graph per step runs physics, ends episodes, draws new layouts for the worlds that ended and
-    updates the sensors; rewards and observations are Torch functions of the same memory. Observations returned
-    by `step` are those of the new episode where one ended; `last_transition` and `outcome` describe the step
-    itself. The observation groups are documented in `observations.py`.
+    updates the sensors; rewards and observations are Torch functions of the same memory. Observations
+    returned by `step` are those of the new episode where one ended; `last_transition` and `outcome` describe
+    the step itself. The observation groups are documented in `observations.py`.
     """
 
     def __init__(
@@ -192,7 +210,6 @@ class NavEnv(VecEnv):
         # The eager pass compiles every kernel; its step is undone by the reset.
         with wp.ScopedDevice(device):
             self._launch_step()
-        self.level.fill_(cfg.curriculum.start)
         self.reseed(seed)
         self.reset()
         self._graph = StepGraph(self._launch_step, device, capture=capture)
@@ -228,7 +245,7 @@ class NavEnv(VecEnv):
             "qvel": wp.to_torch(self._final_qvel),
             "done": wp.to_torch(self._done),
         }
-        # The goal before the step: layouts of worlds that ended have changed by the time rewards are computed.
+        # The goal before the step: layouts of worlds that ended have changed when rewards are computed.
         self._goal_before = torch.zeros_like(self.sim.views.goal)
         self._last_action = torch.zeros_like(self.sim.views.action)
 
@@ -315,7 +332,8 @@ class NavEnv(VecEnv):
             view.copy_(torch.as_tensor(values, dtype=torch.int32))
 
     def reseed(self, seed: int) -> None:
-        """Restart all random numbers; the next episodes are those of a new environment with this seed."""
+        """Restart random numbers and levels; after a reset all is as in a new environment with this seed."""
+        self.level.fill_(self.cfg.curriculum.start)
         self._seed.fill_(seed)
         self._layout_counter.zero_()
         self._counter.zero_()
@@ -325,6 +343,7 @@ class NavEnv(VecEnv):
         """Start a new episode in every world and return its first observations."""
         with wp.ScopedDevice(self.device):
             self._launch_reset_all()
+        self.statistics.restart()
         return self.get_observations()
 
     def get_observations(self) -> TensorDict:
@@ -345,7 +364,8 @@ class NavEnv(VecEnv):
         self._last_action.copy_(action_view)
         self._goal_before.copy_(self.sim.views.goal)
         action_view.copy_(actions.clamp(-1.0, 1.0))
-        action = action_view.clone()
+        # A world with a non-finite action is reset; its reward shall be finite.
+        action = action_view.nan_to_num(0.0)
         self._graph.replay()
 
         self.last_transition = self._transition(action)
@@ -353,7 +373,7 @@ class NavEnv(VecEnv):
             name: scale * rewards.TERMS[name](self.last_transition)
             for name, scale in self._reward_scales.items()
         }
-        reward = torch.stack(tuple(terms.values())).sum(0)
+        reward = torch.stack([torch.zeros_like(self.last_transition.progress), *terms.values()]).sum(0)
         timeout = self.outcome == episode.TIMEOUT
         done = self._views["done"]
         self.statistics.add(self, reward, terms)

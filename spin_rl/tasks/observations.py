@@ -10,6 +10,7 @@ A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +21,7 @@ from spin_rl import robot
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
 
+GROUPS = ("proprio", "goal", "scandots", "scandots_all")
 GOAL_SCALE_M = 2.5
 # Blocks of the proprio group and their widths.
 PROPRIO: dict[str, int] = {
@@ -52,8 +54,8 @@ class NoiseConfig:
     def __post_init__(self) -> None:
         """Reject negative noise."""
         for name, value in vars(self).items():
-            if not value >= 0.0:
-                raise ValueError(f"noise.{name} must not be negative, got {value}")
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"task.noise.{name} must not be negative, got {value}")
 
 
 class NavObservations:
@@ -155,7 +157,7 @@ class NavObservations:
 
 
 def _joints(values: torch.Tensor) -> torch.Tensor:
-    """Read `robot.JOINTS` positions or velocities out of generalized ones, (num_envs, 13) -> (num_envs, 8)."""
+    """Read `robot.JOINTS` values out of generalized ones, (num_envs, 13) -> (num_envs, 8)."""
     arm = values[:, 4:5] + values[:, 5:6]
     finger = 0.5 * (values[:, 9:10] + values[:, 10:11])
     return torch.cat((values[:, 3:4], arm, values[:, 6:9], finger, values[:, 11:13]), -1)

@@ -1,18 +1,18 @@
 """Reward terms of the navigation task: short functions of what one control step did.
 
-Every term returns shape (num_envs,) and is multiplied by its scale from the configuration. The terms' sources and
-the readings of the paper's equation for r_nav are in docs/paper_deviations.md.
+Every term returns shape (num_envs,) and is multiplied by its scale from the configuration. The terms' sources
+and the readings of the paper's equation for r_nav are in docs/paper_deviations.md.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
 from spin_rl import robot
-
 
 _ARM_AND_CAMERA = [
     robot.DOF_NAMES.index(name) for name in ("arm_outer", "arm_inner", "head_pan", "head_tilt")
@@ -109,6 +109,6 @@ def check_scales(scales: dict[str, float]) -> dict[str, float]:
     for name, scale in scales.items():
         if name not in TERMS:
             raise ValueError(f"reward.{name}: unknown term; choose from {', '.join(TERMS)}")
-        if not isinstance(scale, (int, float)) or scale != scale or abs(scale) == float("inf"):
+        if isinstance(scale, bool) or not isinstance(scale, int | float) or not math.isfinite(scale):
             raise ValueError(f"reward.{name}: the scale must be a finite number, got {scale!r}")
     return {name: float(scale) for name, scale in scales.items() if scale != 0.0}

@@ -63,19 +63,24 @@ class EpisodeStatistics:
                     )
                 ),
                 parts,
-                torch.stack([value.sum() for value in terms.values()]),
+                *[value.sum()[None] for value in terms.values()],
             )
         )
         self._sums += values
         self._return *= 1.0 - done
         self._length *= 1.0 - done
 
+    def restart(self) -> None:
+        """Forget the episodes that run: all worlds were reset from outside."""
+        self._return.zero_()
+        self._length.zero_()
+
     def read(self) -> dict[str, float]:
         """Return rates and means since the last call and start over.
 
         Keys: `episodes`, `<outcome>_rate`, `mean_return`, `mean_length_s`, `final_distance_m`,
-        `collisions/<part>` (share of all episodes that ended with that part touching), `reward/<term>` (mean per
-        control step, scaled). Rates of no episodes are NaN.
+        `collisions/<part>` (share of all episodes that ended with that part touching), `reward/<term>` (mean
+        per control step, scaled). Rates of no episodes are NaN.
         """
         sums = dict(zip(self._names, self._sums.tolist(), strict=True))
         self._sums.zero_()

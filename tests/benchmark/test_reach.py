@@ -1,12 +1,14 @@
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
 from spin_rl import robot
 from spin_rl.benchmark import policies, reach
 from spin_rl.config import ConfigError
+from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.scene_file import load_scene
 from spin_rl.tasks import episode
 from spin_rl.tasks.nav import NavConfig
@@ -165,7 +167,7 @@ def test_a_scene_file_is_one_row(tmp_path, device):
     path.write_text(
         "start: {position: [0, 0], yaw: 0}\n"
         "goal: [2, 0]\n"
-        "boxes:\n" + "".join(f"  - {{position: [1, {y}], size: [0.1, 0.1, 0.5]}}\n" for y in range(2, 22))
+        "boxes:\n  - {position: [1, 2], size: [0.1, 0.1, 0.5]}\n"
     )
     result = reach.evaluate_reach(
         policies.open_policy("zero")[0],
@@ -181,3 +183,16 @@ def test_a_scene_file_is_one_row(tmp_path, device):
     assert (row["scenario"], row["difficulty"], row["episodes"]) == ("room.yaml", "scene", 3)
     assert row["timeout_rate"] == 1.0
     assert row["final_distance_m"] == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_scene_gets_the_usual_slots_or_more():
+    scene = Scene.empty(PoolSpec(num_walls=1, num_boxes=30, num_cylinders=1))
+    scene.active[:] = True
+    scene.pos[:, 0] = np.arange(32)
+    scene.goal[:] = (3.0, 1.0)
+    grown = reach.in_usual_pool(scene)
+    assert grown.pool == PoolSpec(num_walls=6, num_boxes=30, num_cylinders=3)
+    # Walls, boxes and cylinders are in their own slots, the added ones are empty.
+    assert grown.pos[grown.active, 0].tolist() == list(range(32))
+    assert np.flatnonzero(grown.active).tolist() == [0, *range(6, 36), 36]
+    assert grown.goal.tolist() == [3.0, 1.0]
