@@ -1,7 +1,12 @@
 """Options and fixtures that all tests share."""
 
 import pytest
+import torch
 import warp as wp
+
+from spin_rl.tasks.nav import NavConfig, NavEnv
+
+NUM_WORLDS = 8
 
 
 def pytest_addoption(parser):
@@ -15,3 +20,37 @@ def device(request) -> str:
     wp.init()
     wp.get_device(name)  # fails here, by name, where the machine lacks it
     return name
+
+
+@pytest.fixture(scope="session")
+def make_nav_env(device):
+    """Makes small navigation environments.
+
+    Kernels are compiled once for all of them, as long as they share the solver's options and the pool.
+    """
+
+    def make(cfg: NavConfig | None = None, num_envs: int = NUM_WORLDS, seed: int = 0, **options) -> NavEnv:
+        return NavEnv(cfg or NavConfig(), num_envs, device, seed, **options)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def shared_nav_env(make_nav_env) -> NavEnv:
+    return make_nav_env(seed=3)
+
+
+@pytest.fixture
+def nav_env(shared_nav_env) -> NavEnv:
+    """The default task in 8 worlds, at the start of the first episodes of seed 3; tests may do anything to it."""
+    env = shared_nav_env
+    env.set_cells([0] * NUM_WORLDS, [-1] * NUM_WORLDS)
+    env.reseed(3)
+    env.reset()
+    env.episode_stats()
+    return env
+
+
+def hold(env: NavEnv) -> torch.Tensor:
+    """The actions that keep every robot where it starts."""
+    return env.sim.views.action.clone()

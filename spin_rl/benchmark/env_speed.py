@@ -93,7 +93,9 @@ class NativeRollout:
         """Compile the scenes of the first worlds as they are now, and copy their states and set-points."""
         sim = env.sim
         self.nworld = min(nworld, env.num_envs)
-        self._models = [_full_model(scene, sim.mj_model) for scene in sim.layout.scenes(list(range(self.nworld)))]
+        self._models = [
+            _full_model(scene, sim.mj_model) for scene in sim.layout.scenes(list(range(self.nworld)))
+        ]
         qpos, qvel, ctrl = (getattr(sim.data, name).numpy() for name in ("qpos", "qvel", "ctrl"))
         data = mujoco.MjData(self._models[0])
         spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -162,7 +164,9 @@ def measure_env(
     times = interleave(subjects, seconds)
 
     substeps = env.sim.config.substeps
-    rows = [rate_row("env step", times["env"], _UNIT, f"its {substeps} captured mjw.step alone", times["bare"])]
+    rows = [
+        rate_row("env step", times["env"], _UNIT, f"its {substeps} captured mjw.step alone", times["bare"])
+    ]
     for count in sorted(threads):
         label = f"C MuJoCo mujoco.rollout, physics only, {_threads(count)}"
         rows.append(rate_row("env step", times["env"], _UNIT, label, times[f"native {count}"]))
@@ -201,9 +205,7 @@ def sweep(
         rows.append(rate_row(f"env step, {count} worlds", timing, _UNIT, label, first))
         if env.device != "cpu" and used_before is not None:
             memory = (_device_memory_used() - used_before) / 2**20
-            rows.append(
-                Row(f"GPU memory, {count} worlds", memory, "MiB", None, None, (memory, memory), None)
-            )
+            rows.append(Row(f"GPU memory, {count} worlds", memory, "MiB", None, None, (memory, memory), None))
         first = first or timing
         del env, driver, subject
     return rows

@@ -55,7 +55,9 @@ def rate_row(
     """
     low, high = 1.0 / max(timing.blocks), 1.0 / min(timing.blocks)
     ratio = timing.times_better_than(peer) if peer else None
-    return Row(name, 1.0 / timing.median, unit, baseline, ratio, (low, high), 1.0 / peer.median if peer else None)
+    return Row(
+        name, 1.0 / timing.median, unit, baseline, ratio, (low, high), 1.0 / peer.median if peer else None
+    )
 
 
 def cost_row(

@@ -57,10 +57,11 @@ def _drive(
         -base_acceleration[1] * timestep,
         base_acceleration[1] * timestep,
     )
-    v = base_velocity_out[w, 0] + dv
-    turn = base_velocity_out[w, 1] + dw
-    base_velocity_out[w, 0] = v
-    base_velocity_out[w, 1] = turn
+    # The mean velocity of the substep: its end's would run half a substep ahead of the commands.
+    v = base_velocity_out[w, 0] + 0.5 * dv
+    turn = base_velocity_out[w, 1] + 0.5 * dw
+    base_velocity_out[w, 0] = base_velocity_out[w, 0] + dv
+    base_velocity_out[w, 1] = base_velocity_out[w, 1] + dw
     # The world-frame velocity over a substep that also turns: the midpoint yaw keeps the path exact to
     # second order.
     yaw = qpos[w, 2] + 0.5 * timestep * turn

@@ -1,8 +1,6 @@
 """The navigation task as a gymnasium vector environment.
 
-    import spin_rl.tasks.gym_env  # registers it
-
-    env = gymnasium.make_vec("spin_rl/Nav-v0", num_envs=64)
+Importing this module registers it: `gymnasium.make_vec("spin_rl/Nav-v0", num_envs=64)`.
 """
 
 from __future__ import annotations

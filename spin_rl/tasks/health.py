@@ -20,8 +20,8 @@ class HealthMonitor:
 
     A world whose positions, velocities or action turn non-finite is reset by the task like any other that
     ended, and training goes on; its last control steps are kept for a look. Overflow means that mujoco_warp
-    dropped contacts or constraints of a world during a control step; the contact pool is shared by the worlds,
-    so that its overflow is counted in all of them.
+    dropped contacts or constraints of a world during a control step; the contact pool is shared by the
+    worlds, so that its overflow is counted in all of them.
     """
 
     def __init__(self, sim: Simulation, outcome: wp.array) -> None:

@@ -1,0 +1,162 @@
+"""spin-bench: measure the throughput of kernels, environment and training beside their peers."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from spin_rl.benchmark import throughput
+from spin_rl.benchmark.timing import Stopwatch
+from spin_rl.cli import common
+from spin_rl.config import ConfigError
+from spin_rl.runners.checkpoint import write_atomically
+from spin_rl.tasks.build import env_config, plain
+
+SUBJECTS = ("visibility", "env", "train")
+# Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
+_OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
+_BUSY_LOAD = 0.5
+
+
+def main() -> None:
+    """Entry point of the `spin-bench` command."""
+    sys.argv[1:] = with_preset(sys.argv[1:], torch.cuda.is_available())
+    common.run("bench", bench)
+
+
+def with_preset(arguments: list[str], has_gpu: bool) -> list[str]:
+    """Add `preset=gpu` where the benchmark will run on a GPU and no preset is named."""
+    given = dict(argument.partition("=")[::2] for argument in arguments)
+    on_gpu = given.get("device", "auto") != "cpu" and has_gpu
+    return [*arguments, "preset=gpu"] if on_gpu and "preset" not in given else arguments
+
+
+def bench(cfg: DictConfig) -> None:
+    """Measure what `cfg` names, print the table and write the JSON."""
+    values = plain(cfg)
+    out = _check(values)
+    device = common.resolve_device(values["device"])
+    if device == "cpu":
+        torch.set_num_threads(1)  # as in training
+    elif values["processes"] > torch.cuda.device_count():
+        raise ConfigError(
+            f"processes: {torch.cuda.device_count()} GPUs found, one for each process is needed"
+        )
+    _warn_if_busy()
+    subjects = SUBJECTS if values["what"] == "all" else (values["what"],)
+    rows = _measure(cfg, values, device, subjects)
+
+    overrides = list(HydraConfig.get().overrides.task)
+    result = throughput.result(
+        device, rows, overrides=overrides, num_envs=values["num_envs"], sim=values["sim"], load=_load()
+    )
+    print(f"{result['hardware']}; {values['num_envs']} worlds")
+    print(throughput.table(rows))
+    headline = ", ".join(f"{row.name} {row.value:,.4g} {row.unit}" for row in rows[:1])
+    if out is None:
+        print(f"Wrote nothing, out=<file.json> keeps the figures: {headline}")
+        return
+    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+    write_atomically(out, lambda file: file.write(text.encode()))
+    print(f"Wrote {out}: {len(rows)} rows, {headline}")
+
+
+def _measure(
+    cfg: DictConfig, values: dict[str, Any], device: str, subjects: tuple[str, ...]
+) -> list[throughput.Row]:
+    from spin_rl.benchmark import env_speed, train_speed, visibility_speed
+    from spin_rl.tasks.nav import NavEnv
+
+    task, seed, seconds = env_config(cfg), values["seed"], values["seconds"]
+    synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None
+    watch = Stopwatch(synchronize)
+
+    def make_env(num_envs: int) -> NavEnv:
+        with common.announced(f"Starting {num_envs} worlds on {device}"):
+            return NavEnv(task, num_envs, device, seed=seed)
+
+    @cache
+    def driver() -> env_speed.RandomDriver:
+        return env_speed.RandomDriver(make_env(values["num_envs"]), seed)
+
+    def visibility() -> list[throughput.Row]:
+        with common.announced(f"Timing scandots on {device}"):
+            return visibility_speed.measure_visibility(task, values["num_envs"], device, seconds, seed, watch)
+
+    def env() -> list[throughput.Row]:
+        rows = env_speed.measure_env(driver(), seconds, watch)
+        return rows + env_speed.sweep(make_env, values["world_counts"] or [], seconds / 4, seed, watch)
+
+    def train() -> list[throughput.Row]:
+        rows, single = train_speed.measure_train(driver(), values["runner"], seconds, watch)
+        if values["processes"] > 1:
+            overrides = [o for o in HydraConfig.get().overrides.task if o.partition("=")[0] not in _OWN_KEYS]
+            kind = "cpu" if device == "cpu" else "cuda"
+            print(f"Training in {values['processes']} processes for {seconds:g} s", flush=True)
+            row = train_speed.measure_processes(values["processes"], overrides, kind, seconds, single)
+            rows.append(row)
+        return rows
+
+    measures: dict[str, Callable[[], list[throughput.Row]]] = {
+        "visibility": visibility,
+        "env": env,
+        "train": train,
+    }
+    return [row for subject in subjects for row in measures[subject]()]
+
+
+def _check(values: dict[str, Any]) -> Path | None:
+    """Reject what needs no simulator to reject; return the file to write."""
+    if values["what"] not in (*SUBJECTS, "all"):
+        raise ConfigError(f"what: unknown {values['what']!r}; choose from {', '.join(SUBJECTS)}, all")
+    for key in ("num_envs", "processes"):
+        _require_count(key, values[key])
+    if type(values["seed"]) is not int:
+        raise ConfigError(f"seed: expected a whole number, got {values['seed']!r}")
+    counts = values["world_counts"]
+    if counts is not None and not isinstance(counts, list):
+        raise ConfigError(f"world_counts: expected a list such as [256,1024], got {counts!r}")
+    for count in counts or []:
+        _require_count("world_counts", count)
+    seconds = values["seconds"]
+    if type(seconds) not in (int, float) or not 0.0 < seconds < float("inf"):
+        raise ConfigError(f"seconds: expected a positive number, got {seconds!r}")
+    if values["out"] is None:
+        return None
+    out = Path(str(values["out"]))
+    if out.is_dir():
+        raise ConfigError(f"out: {out} is a folder; name a file such as {out / 'bench.json'}")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"out: cannot make the folder {out.parent}: {error.strerror}") from None
+    return out
+
+
+def _require_count(key: str, value: Any) -> None:
+    if type(value) is not int or value < 1:
+        raise ConfigError(f"{key}: expected whole numbers of at least 1, got {value!r}")
+
+
+def _load() -> float | None:
+    """Processes that wanted a core in the last minute, per core; None where the system does not tell."""
+    return os.getloadavg()[0] / throughput.num_cores() if hasattr(os, "getloadavg") else None
+
+
+def _warn_if_busy() -> None:
+    load = _load()
+    if load is not None and load > _BUSY_LOAD:
+        print(f"warning: other work keeps this machine busy, load {load:.1f} per core", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
