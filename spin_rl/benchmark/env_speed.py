@@ -133,7 +133,7 @@ def measure_env(
     """Time an environment's step against its own physics and against C MuJoCo.
 
     Bare physics starts every time from the state that the environment has then, scenes included, so that both
-    meet the same contacts. The peers do physics only: no resets, contact flags, scandots, rewards, observations.
+    meet the same contacts. The peers do physics only: no resets, scandots, rewards or observations.
 
     Args:
         driver: Steps the environment, which is warmed up.

@@ -21,8 +21,8 @@ class RslRlPeer:
     """rsl_rl's PPO with models as large as the trained ones, on flat observations of the same groups.
 
     Recurrent models are rsl_rl's RNNModel with as many units; scandots go in flat, since rsl_rl has no
-    PointNet. Where the trained model has no hidden layer after its LSTM, rsl_rl's gets its smallest, of one unit
-    an action: it requires one.
+    PointNet. Where the trained model has no hidden layer after its LSTM, rsl_rl's gets a small one, of one
+    unit an action: it requires one.
     """
 
     def __init__(self, ours: algorithm.PPO, groups: dict[str, list[str]], cfg: dict[str, Any]) -> None:

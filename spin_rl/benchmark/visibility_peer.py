@@ -110,9 +110,8 @@ class SightModel:
         geom, hit = np.full(count, -1, dtype=np.int32), np.full(count, -1.0)
         if count:
             rays /= length[:, None]
-            mujoco.mj_multiRay(
-                self._model, self._data, camera, rays.ravel(), None, True, -1, geom, hit, None, count, mujoco.mjMAXVAL
-            )  # fmt: skip
+            scene, far = (self._model, self._data), mujoco.mjMAXVAL
+            mujoco.mj_multiRay(*scene, camera, rays.ravel(), None, True, -1, geom, hit, None, count, far)
         return (hit < 0.0) | (hit >= length - _SIGHT_MARGIN_M)
 
 

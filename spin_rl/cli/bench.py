@@ -101,8 +101,10 @@ def _measure(
         if values["processes"] > 1:
             overrides = [o for o in HydraConfig.get().overrides.task if o.partition("=")[0] not in _OWN_KEYS]
             kind = "cpu" if device == "cpu" else "cuda"
-            print(f"Training in {values['processes']} processes for {seconds:g} s", flush=True)
-            row = train_speed.measure_processes(values["processes"], overrides, kind, seconds, single)
+            steps = values["num_envs"] * values["runner"]["num_steps_per_env"]
+            iterations = max(train_speed.MIN_BLOCKS, round(seconds / (single.median * steps)))
+            print(f"Training in {values['processes']} processes, {iterations} iterations", flush=True)
+            row = train_speed.measure_processes(values["processes"], overrides, kind, iterations, single)
             rows.append(row)
         return rows
 
