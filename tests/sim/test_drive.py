@@ -103,7 +103,7 @@ def test_speed_scale_and_lag_of_a_world_are_its_own(device):
     speed = sim.views.base_velocity[:, 0].cpu().numpy()
     fastest = robot.SPEED_PROFILES["paper"].forward_max
     assert speed[:2] == pytest.approx([fastest, 0.5 * fastest], rel=1e-3)
-    # With 0.6 s the speed limit on acceleration holds no longer than until the lag takes over.
+    # So slow a base stays below the acceleration limit.
     assert speed[2] == pytest.approx(fastest * (1 - math.exp(-2.0 / 0.6)), rel=1e-3)
 
 
