@@ -167,6 +167,18 @@ def qpos_from_joints(model: mujoco.MjModel, joints: Mapping[str, float]) -> np.n
     return qpos
 
 
+def action_of(joint: str, position: float) -> float:
+    """Return the action in [-1, 1] whose set-point is a joint position [m or rad].
+
+    Actions are piecewise linear: -1 and 1 are the joint's limits, 0 is its stowed position.
+    """
+    index = JOINTS.index(joint)
+    offset = position - STOWED[joint]
+    bound = JOINT_UPPER[index] if offset >= 0.0 else JOINT_LOWER[index]
+    span = abs(bound - STOWED[joint])
+    return offset / span if span > 0.0 else 0.0
+
+
 def camera_tan_half_fov(mount: CameraMount) -> tuple[float, float]:
     """Return the tangents of half the depth camera's field of view along its optical x and y axes.
 

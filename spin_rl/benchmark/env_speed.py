@@ -176,13 +176,19 @@ def measure_env(
 
 
 def sweep(
-    make_env: Callable[[int], NavEnv], counts: list[int], seconds: float, seed: int, watch: Stopwatch
+    make_env: Callable[[int], NavEnv],
+    counts: list[int],
+    device: str,
+    seconds: float,
+    seed: int,
+    watch: Stopwatch,
 ) -> list[Row]:
     """Time environments of several sizes, each against the smallest one, and measure GPU memory.
 
     Args:
         make_env: Builds an environment of some worlds.
         counts: Numbers of worlds.
+        device: Device of the environments.
         seconds: Time for each.
         seed: Seed of the actions.
         watch: Waits for the device.
@@ -192,19 +198,17 @@ def sweep(
     """
     rows: list[Row] = []
     first: Timing | None = None
-    used_before: int | None = None
+    used_before = _memory_used(device)
     for count in sorted(set(counts)):
         gc.collect()
-        if torch.cuda.is_available() and used_before is None:
-            used_before = _device_memory_used()
         env = make_env(count)
         driver = RandomDriver(env, seed)
         subject = Subject(lambda n, driver=driver: watch.time(driver.step, n), count)
         timing = interleave({"env": subject}, seconds)["env"]
         label = None if first is None else f"env step, {min(counts)} worlds"
         rows.append(rate_row(f"env step, {count} worlds", timing, _UNIT, label, first))
-        if env.device != "cpu" and used_before is not None:
-            memory = (_device_memory_used() - used_before) / 2**20
+        if device != "cpu":
+            memory = (_memory_used(device) - used_before) / 2**20
             rows.append(Row(f"GPU memory, {count} worlds", memory, "MiB", None, None, (memory, memory), None))
         first = first or timing
         del env, driver, subject
@@ -225,7 +229,10 @@ def _threads(count: int) -> str:
     return "1 thread" if count == 1 else f"{count} threads"
 
 
-def _device_memory_used() -> int:
-    torch.cuda.synchronize()
-    free, total = torch.cuda.mem_get_info()
+def _memory_used(device: str) -> int:
+    """Bytes of a GPU's memory in use by anyone, 0 for the CPU."""
+    if device == "cpu":
+        return 0
+    torch.cuda.synchronize(device)
+    free, total = torch.cuda.mem_get_info(device)
     return total - free

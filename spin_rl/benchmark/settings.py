@@ -35,7 +35,7 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     asked = {override.lstrip("+~").partition("=")[0] for override in overridden}
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
-    keys = ["robot.profile", "task.camera_mount"]
+    keys = ["robot.profile", "task.camera_mount", "task.camera_pose"]
     keys += [f"task.scandots.{name}" for name in OmegaConf.select(source, "task.scandots") or ()]
     for key in keys:
         value = OmegaConf.select(source, key)

@@ -94,7 +94,8 @@ def _measure(
 
     def env() -> list[throughput.Row]:
         rows = env_speed.measure_env(driver(), seconds, watch)
-        return rows + env_speed.sweep(make_env, values["world_counts"] or [], seconds / 4, seed, watch)
+        counts = values["world_counts"] or []
+        return rows + env_speed.sweep(make_env, counts, device, seconds / 4, seed, watch)
 
     def train() -> list[throughput.Row]:
         rows, single = train_speed.measure_train(driver(), values["runner"], seconds, watch)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
@@ -21,6 +21,9 @@ from spin_rl.tasks import episode, rewards
 from spin_rl.tasks.health import HealthMonitor
 from spin_rl.tasks.observations import NavObservations, NoiseConfig
 from spin_rl.tasks.statistics import EpisodeStatistics
+
+
+_CAMERA_JOINTS = ("head_pan", "head_tilt")
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,8 @@ class NavConfig:
     Attributes:
         robot_profile: Key of `robot.SPEED_PROFILES`.
         camera_mount: "portrait" (as built) or "landscape" (the paper's text).
+        camera_pose: Head pan and tilt [rad] at which the camera is frozen, whatever the policy asks for (paper,
+            FixCam); None leaves the camera to the policy.
         episode_s: Time limit of an episode [s].
         goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
@@ -115,6 +120,7 @@ class NavConfig:
 
     robot_profile: str = "paper"
     camera_mount: str = "portrait"
+    camera_pose: tuple[float, float] | None = None
     episode_s: float = 30.0
     goal_tolerance_m: float = 0.15
     stop_on_collision: bool = True
@@ -136,6 +142,10 @@ class NavConfig:
             raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
         if self.camera_mount not in ("portrait", "landscape"):
             raise ValueError(f"task.camera_mount must be portrait or landscape, got {self.camera_mount!r}")
+        for joint, value in zip(_CAMERA_JOINTS, self.camera_pose or (), strict=False):
+            index = robot.JOINTS.index(joint)
+            if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:
+                raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
         if not self.sim.control_period < self.episode_s < math.inf:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
         if not 0.0 < self.goal_tolerance_m < math.inf:
@@ -184,6 +194,15 @@ class NavEnv(VecEnv):
         self.device = device
         self.max_episode_length = round(cfg.episode_s / cfg.sim.control_period)
         self._scene = scene
+        self._layout_params = cfg.scene
+        self._camera_action = None
+        if cfg.camera_pose is not None:
+            pan, tilt = cfg.camera_pose
+            self._layout_params = replace(cfg.scene, start_head_pan=(pan, pan), start_head_tilt=(tilt, tilt))
+            self._camera_action = torch.tensor(
+                [robot.action_of(*pose) for pose in zip(_CAMERA_JOINTS, cfg.camera_pose, strict=True)],
+                device=device,
+            )
         pool = PoolSpec() if scene is None else scene.pool
         self.sim = Simulation(num_envs, pool, robot.SPEED_PROFILES[cfg.robot_profile], cfg.sim, device)
         if scene is not None:
@@ -290,7 +309,7 @@ class NavEnv(VecEnv):
         if self._scene is None:
             generate_layouts(
                 sim.layout,
-                self.cfg.scene,
+                self._layout_params,
                 seed=self._seed,
                 counter=self._layout_counter,
                 mask=mask,
@@ -364,6 +383,8 @@ class NavEnv(VecEnv):
         self._last_action.copy_(action_view)
         self._goal_before.copy_(self.sim.views.goal)
         action_view.copy_(actions.clamp(-1.0, 1.0))
+        if self._camera_action is not None:
+            action_view[:, -len(_CAMERA_JOINTS) :] = self._camera_action
         # A world with a non-finite action is reset; its reward shall be finite.
         action = action_view.nan_to_num(0.0)
         self._graph.replay()

@@ -9,8 +9,8 @@ import torch
 import warp as wp
 from torch.utils.tensorboard import SummaryWriter
 
-from spin_rl.benchmark import env_speed, rsl_rl_peer, throughput, train_speed, visibility_speed
-from spin_rl.benchmark.timing import Stopwatch, Subject, Timing, interleave
+from spin_rl.benchmark import env_speed, rsl_rl_peer, train_speed, visibility_speed
+from spin_rl.benchmark.timing import Stopwatch, Timing
 from spin_rl.benchmark.visibility_peer import SightModel, scandot_tokens_numpy
 from spin_rl.cli import bench
 from spin_rl.paths import CONF_DIR
@@ -20,92 +20,6 @@ from spin_rl.tasks.nav import NavConfig, NavEnv
 
 NUM_ENVS = 16
 TINY = ["num_envs=8", "seconds=0.1", "runner.num_steps_per_env=4", "runner.algorithm.num_learning_epochs=1"]
-
-
-class FakeMachine:
-    """A clock that work moves on, faster or slower as the machine drifts."""
-
-    def __init__(self):
-        self.now, self.slowness, self.log = 0.0, 1.0, []
-
-    def work(self, name, seconds, slow_down=1.0):
-        def run():
-            self.log.append(name)
-            self.now += seconds * self.slowness
-            self.slowness *= slow_down
-
-        return run
-
-
-def measure(machine, seconds=100.0, **subjects):
-    watch = Stopwatch(clock=lambda: machine.now)
-    return interleave(
-        {
-            name: Subject(lambda n, run=run: watch.time(run, n), work)
-            for name, (run, work) in subjects.items()
-        },
-        seconds,
-        num_blocks=4,
-    )
-
-
-def test_timing_is_per_unit_of_work():
-    machine = FakeMachine()
-    times = measure(machine, fast=(machine.work("fast", 2.0), 8), slow=(machine.work("slow", 6.0), 4))
-    assert times["fast"].blocks == pytest.approx([0.25] * 4)
-    assert times["slow"].blocks == pytest.approx([1.5] * 4)
-    row = throughput.rate_row("fast", times["fast"], "steps/s", "slow", times["slow"])
-    assert (row.value, row.baseline_value, row.ratio) == pytest.approx((4.0, 1.0 / 1.5, 6.0))
-    assert row.spread == pytest.approx((4.0, 4.0)) and row.baseline == "slow"
-    cost = throughput.cost_row("slow", times["slow"], "us", "fast", times["fast"])
-    assert (cost.value, cost.baseline_value, cost.ratio) == pytest.approx((1.5e6, 0.25e6, 1 / 6))
-
-
-def test_drift_of_the_machine_cancels():
-    machine = FakeMachine()
-    # One call fills a block; each makes the machine slower, the last block is four times as slow as the first.
-    times = measure(
-        machine,
-        seconds=8.0,
-        a=(machine.work("a", 1.0, slow_down=1.2), 1),
-        b=(machine.work("b", 3.0, slow_down=1.2), 1),
-    )
-    assert max(times["a"].blocks) > 2.0 * min(times["a"].blocks)
-    assert times["a"].times_better_than(times["b"]) == pytest.approx(3.0, rel=0.03)
-
-
-def test_subjects_take_turns_after_their_warm_up():
-    machine = FakeMachine()
-    measure(machine, seconds=8.0, a=(machine.work("a", 1.0), 1), b=(machine.work("b", 1.0), 1))
-    assert "".join(machine.log) == "aabb" + "abbaabba"
-
-
-def test_blocks_hold_as_many_calls_as_fit():
-    machine = FakeMachine()
-    measure(machine, seconds=80.0, a=(machine.work("a", 0.5), 1))
-    assert len(machine.log) == 2 + 4 * 40
-
-
-def test_ratio_needs_the_same_blocks():
-    with pytest.raises(ValueError):
-        Timing((1.0, 2.0)).times_better_than(Timing((1.0,)))
-
-
-def test_rate_spread_is_low_to_high():
-    row = throughput.rate_row("x", Timing((0.1, 0.5, 0.2)), "steps/s")
-    assert row.spread == pytest.approx((2.0, 10.0)) and row.value == pytest.approx(5.0)
-    assert row.ratio is None and row.baseline_value is None
-
-
-def test_result_and_table():
-    row = throughput.rate_row("env step", Timing((0.001,)), "steps/s", "bare", Timing((0.0005,)))
-    result = json.loads(json.dumps(throughput.result("cpu", [row], num_envs=3)))
-    assert result["device"] == "cpu" and result["settings"] == {"num_envs": 3}
-    assert result["versions"]["mujoco"] and result["hardware"].endswith("cores, no GPU used")
-    assert {"name", "value", "unit", "baseline", "ratio"} <= set(result["rows"][0])
-    header, line = throughput.table([row]).splitlines()
-    assert line.split() == "env step 1,000 1,000-1,000 steps/s 0.50x bare (2,000)".split()
-    assert header.index("unit") == line.index("steps/s")
 
 
 @pytest.fixture(scope="module")
@@ -150,15 +64,14 @@ def test_measure_env(driver, device):
     assert all(row.value > 0.0 and row.ratio > 0.0 and row.unit == "env steps/s" for row in rows)
 
 
-def test_sweep_compares_with_the_smallest(device):
+def test_sweep_compares_with_the_smallest():
     made = []
 
     def make_env(count):
         made.append(count)
-        step = SimpleNamespace(num_envs=count, device="cpu", step=lambda actions: None)
-        return step
+        return SimpleNamespace(num_envs=count, device="cpu", step=lambda actions: None)
 
-    rows = env_speed.sweep(make_env, [32, 8], 0.01, 0, Stopwatch())
+    rows = env_speed.sweep(make_env, [32, 8], "cpu", 0.01, 0, Stopwatch())
     assert made == [8, 32]
     assert [row.name for row in rows] == ["env step, 8 worlds", "env step, 32 worlds"]
     assert rows[0].ratio is None and rows[1].baseline == "env step, 8 worlds" and rows[1].ratio > 0.0
@@ -299,7 +212,6 @@ def test_bench_trains_with_the_settings_of_spin_train():
 def test_everything_end_to_end(monkeypatch, capfd, device, tmp_path):
     monkeypatch.setattr(visibility_speed, "MIN_WORLDS", 8)
     monkeypatch.setattr(visibility_speed, "SIGHT_WORLDS", 4)
-    monkeypatch.setattr(env_speed, "NATIVE_WORLDS", 4)
     monkeypatch.setattr(train_speed, "MIN_BLOCKS", 1)
     out = tmp_path / "new" / "bench.json"
     run_main(monkeypatch, *TINY, "preset=cpu", f"device={device}", f"out={out}", "world_counts=[2,4]")
