@@ -64,18 +64,6 @@ def open_policy(name: str) -> tuple[PolicyFactory, dict[str, Any]]:
     except ValueError as error:
         raise ConfigError(f"policy: {error}") from None
     return (
-        lambda obs, device: policy_file.load_policy(name, _comparable(obs, metadata), device),
+        lambda obs, device: policy_file.load_policy(name, obs, device),
         metadata["config"],
     )
-
-
-def _comparable(obs: TensorDict, metadata: dict[str, Any]) -> TensorDict:
-    """Observations to compare with those of the training; a PointNet takes any number of scandots."""
-    if metadata["actor"].get("encoder") != "pointnet":
-        return obs
-    trained = {
-        group: torch.zeros(*obs.batch_size, dim)
-        for group, dim in metadata["obs_dims"].items()
-        if group.startswith("scandots")
-    }
-    return TensorDict({**obs, **trained}, batch_size=obs.batch_size)

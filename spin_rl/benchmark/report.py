@@ -27,7 +27,7 @@ def table(result: dict[str, Any]) -> str:
     note = "time: mean of the successful episodes"
     if paper:
         note += "; paper (Table 1): success and mean episode time of 30 episodes"
-    return "\n".join([title, *_align([header, *body]), note])
+    return "\n".join([title, *align([header, *body]), note])
 
 
 def _line(row: dict[str, Any], paper: tuple[str, ...]) -> list[str]:
@@ -52,7 +52,8 @@ def main_causes(row: dict[str, Any]) -> str:
     return ", ".join(f"{name} {share:.0%}" for name, share in causes[:_MAX_CAUSES] if share > 0.0) or "-"
 
 
-def _align(rows: list[list[str]]) -> list[str]:
+def align(rows: list[list[str]]) -> list[str]:
+    """Pad the columns of rows of equal length, and join each row into a line."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,9 @@ from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.build import env_config, plain
 
 BENCHMARKS = ("reach",)
+ANALYSES = ("camera",)
+# An analysis runs the benchmark a dozen times.
+_ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
 
 
 def main() -> None:
@@ -32,33 +38,69 @@ def _scene_file(argument: str) -> str:
 
 
 def evaluate(cfg: DictConfig) -> None:
-    """Run the benchmark that `cfg` describes, print its table and write its JSON."""
+    """Run the benchmark or analysis that `cfg` describes, print its table and write its JSON."""
     values = plain(cfg)
+    overridden = HydraConfig.get().overrides.task
     out = _check(values)
-    from spin_rl.benchmark import policies, reach, report, settings
+    from spin_rl.benchmark import camera_report, policies, report, settings
 
-    name = values["policy"]
-    make_policy, trained = policies.open_policy(name)
-    cfg = settings.for_policy(cfg, trained, HydraConfig.get().overrides.task)
-    scene = _load_scene(values["scene_file"])
-    result = reach.evaluate_reach(
+    make_policy, trained = policies.open_policy(values["policy"])
+    task = env_config(settings.for_policy(cfg, trained, overridden))
+    if values["analysis"] == "camera":
+        result = _analyse_camera(values, make_policy, task, overridden)
+        table, headline = camera_report.table(result), camera_report.headline(result)
+        if values["plot"] is not None:
+            camera_report.plot(result, Path(values["plot"]))
+            print(f"Wrote {values['plot']}")
+    else:
+        result = _reach(values, make_policy, task)
+        table, headline = report.table(result), report.headline(result)
+    print(table)
+    if out is None:
+        print(f"Wrote nothing, out=<file.json> keeps the numbers: {headline}")
+    else:
+        report.write_json(result, out)
+        print(f"Wrote {out}: {headline}")
+
+
+def _reach(values: dict[str, Any], make_policy: Any, task: Any) -> dict[str, Any]:
+    from spin_rl.benchmark import reach
+
+    return reach.evaluate_reach(
         make_policy,
-        env_config(cfg),
+        task,
         values["episodes"],
         values["seeds"],
         common.resolve_device(values["device"]),
-        policy_name=name,
+        policy_name=values["policy"],
         num_envs=values["num_envs"],
-        scene=scene,
+        scene=_load_scene(values["scene_file"]),
         scene_name=Path(values["scene_file"] or "").name,
         announce=common.announced,
     )
-    print(report.table(result))
-    if out is None:
-        print(f"Wrote nothing, out=<file.json> keeps the numbers: {report.headline(result)}")
-    else:
-        report.write_json(result, out)
-        print(f"Wrote {out}: {report.headline(result)}")
+
+
+def _analyse_camera(
+    values: dict[str, Any], make_policy: Any, task: Any, overridden: Sequence[str]
+) -> dict[str, Any]:
+    from spin_rl.benchmark import camera, camera_variants, reach
+
+    given = {override.partition("=")[0] for override in overridden}
+    values = values | {key: value for key, value in _ANALYSIS_COUNTS.items() if key not in given}
+    options = values["camera"]
+    cells = options["cells"]
+    return camera.analyse_camera(
+        make_policy,
+        task,
+        values["episodes"],
+        values["seeds"],
+        common.resolve_device(values["device"]),
+        held=camera_variants.held_variants(options["tilts"], options["blind"]),
+        cells=reach.REACH_CELLS if cells is None else camera_variants.parse_cells(cells),
+        policy_name=values["policy"],
+        num_envs=values["num_envs"],
+        announce=common.announced,
+    )
 
 
 def _check(values: dict[str, Any]) -> Path | None:
@@ -73,6 +115,7 @@ def _check(values: dict[str, Any]) -> Path | None:
     seeds = values["seeds"]
     if not isinstance(seeds, list) or any(type(seed) is not int for seed in seeds):
         raise ConfigError(f"seeds: expected a list of whole numbers such as [0,1,2], got {seeds!r}")
+    _check_analysis(values)
     if values["out"] is None:
         return None
     out = Path(str(values["out"]))
@@ -83,6 +126,38 @@ def _check(values: dict[str, Any]) -> Path | None:
     except OSError as error:
         raise ConfigError(f"out: cannot make the folder {out.parent}: {error.strerror}") from None
     return out
+
+
+def _check_analysis(values: dict[str, Any]) -> None:
+    analysis, plot, options = values["analysis"], values["plot"], values["camera"]
+    if analysis not in (None, *ANALYSES):
+        raise ConfigError(f"analysis: unknown {analysis!r}; choose from {', '.join(ANALYSES)}")
+    if analysis is None:
+        if plot is not None:
+            raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
+        return
+    if values["scene_file"] is not None:
+        raise ConfigError("scene: an analysis runs in the benchmark's corridors, not in a scene file")
+    if not _are_angles(options["tilts"]):
+        raise ConfigError(f"camera.tilts: expected a list of angles [rad], got {options['tilts']!r}")
+    blind = options["blind"]
+    if blind is not None and not (_are_angles(blind) and len(blind) == 2):
+        raise ConfigError(f"camera.blind: expected [pan, tilt] [rad] or null, got {blind!r}")
+    if not isinstance(options["cells"], list | None):
+        raise ConfigError(f"camera.cells: expected a list such as [1-hard,2-hard], got {options['cells']!r}")
+    if plot is not None:
+        _check_plot(plot)
+
+
+def _check_plot(plot: Any) -> None:
+    if not isinstance(plot, str) or Path(plot).suffix not in (".png", ".pdf", ".svg"):
+        raise ConfigError(f"plot: expected a .png, .pdf or .svg file, got {plot!r}")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ConfigError("plot: needs matplotlib: pip install 'spin-rl[plots]'")
+
+
+def _are_angles(values: Any) -> bool:
+    return isinstance(values, list) and all(type(v) in (int, float) and math.isfinite(v) for v in values)
 
 
 def _load_scene(path: str | None) -> Any:

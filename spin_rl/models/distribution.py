@@ -20,6 +20,7 @@ class PerActionGaussian(GaussianDistribution):
         output_dim: int,
         init_std: Sequence[float] = (1.0,),
         std_range: tuple[float, float] = (1e-6, 1e6),
+        num_used: int | None = None,
     ) -> None:
         """Initialize with learned log standard deviations.
 
@@ -27,10 +28,17 @@ class PerActionGaussian(GaussianDistribution):
             output_dim: Number of actions.
             init_std: One value for each action.
             std_range: Lowest and highest standard deviation.
+            num_used: Only so many of the actions, the first ones, count in probability, entropy and
+                divergence; the environment ignores the others, so what they are must teach nothing. None
+                for all.
 
         Raises:
-            ValueError: Not one value per action, or a value that is not positive.
+            ValueError: Not one value per action, a value that is not positive, or an impossible `num_used`.
         """
+        if num_used is not None and not 0 < num_used <= output_dim:
+            raise ValueError(
+                f"actor.distribution_cfg.num_used must be 1 to {output_dim} or none, not {num_used}."
+            )
         if len(init_std) != output_dim or min(init_std) <= 0.0:
             raise ValueError(
                 f"actor.distribution_cfg.init_std needs {output_dim} positive values, got {list(init_std)}."
@@ -38,3 +46,23 @@ class PerActionGaussian(GaussianDistribution):
         super().__init__(output_dim, init_std=1.0, std_range=std_range, std_type="log")
         with torch.no_grad():
             self.log_std_param.copy_(torch.tensor(init_std, dtype=torch.float32).log())
+        self.num_used = num_used
+
+    @property
+    def entropy(self) -> torch.Tensor:
+        """Return the entropy of the used actions, shape (...)."""
+        return self._distribution.entropy()[..., : self.num_used].sum(dim=-1)  # type: ignore
+
+    def log_prob(self, outputs: torch.Tensor) -> torch.Tensor:
+        """Return the log probability of the used ones among actions (..., output_dim), shape (...)."""
+        return self._distribution.log_prob(outputs)[..., : self.num_used].sum(dim=-1)  # type: ignore
+
+    def kl_divergence(
+        self, old_params: tuple[torch.Tensor, ...], new_params: tuple[torch.Tensor, ...]
+    ) -> torch.Tensor:
+        """Return KL(old || new) of the used actions, shape (...), of means and standard deviations."""
+        old, new = (
+            tuple(parameter[..., : self.num_used] for parameter in parameters)
+            for parameters in (old_params, new_params)
+        )
+        return super().kl_divergence(old, new)

@@ -148,6 +148,7 @@ class ScandotModel(MLPModel):
     ) -> tuple[list[str], int]:
         """Keep rsl_rl's fields, observation groups and their dimension, for the flat groups."""
         flat = [group for group in obs_groups[obs_set] if not _is_scandots(group)]
+        self.flat_dims = {group: obs[group].shape[-1] for group in flat}
         if not flat:
             raise ValueError(f"Observation set '{obs_set}' needs a group beside the scandots.")
         return super()._get_obs_dim(obs, {obs_set: flat}, obs_set)
@@ -160,6 +161,7 @@ class ScandotRecurrentModel(ScandotModel):
     """Recurrent model: an LSTM between the encoded observations and the MLP.
 
     Source: SPIN supplement, network architecture (LSTM with 256 units over proprioception, goal and latent).
+    With a skip connection the MLP reads the observations too, so that it can start as a feed-forward model.
     """
 
     is_recurrent: bool = True
@@ -178,9 +180,27 @@ class ScandotRecurrentModel(ScandotModel):
         encoder_hidden: Sequence[int] = (64, 64),
         scandot_latent: int = 16,
         rnn_hidden_dim: int = 256,
+        skip: bool = False,
     ) -> None:
-        """Build the model; see `ScandotModel`, with `rnn_hidden_dim` units in the LSTM."""
+        """Build the model.
+
+        Args:
+            obs: As all up to `scandot_latent`, see `ScandotModel`.
+            obs_groups: Names of the groups for each observation set.
+            obs_set: The set that this model reads.
+            output_dim: Number of outputs.
+            hidden_dims: Hidden layers between the LSTM and the output.
+            activation: Activation of these layers.
+            obs_normalization: Normalize the flat groups.
+            distribution_cfg: Output distribution.
+            encoder: "pointnet" or "concat".
+            encoder_hidden: Hidden layers of the scandot encoder.
+            scandot_latent: Size of the latent of each scandot group.
+            rnn_hidden_dim: Units of the LSTM.
+            skip: The MLP reads the encoded observations and the LSTM's output, not only the latter.
+        """
         self.rnn_hidden_dim = rnn_hidden_dim
+        self.skip = skip
         super().__init__(
             obs,
             obs_groups,
@@ -218,6 +238,18 @@ class ScandotRecurrentModel(ScandotModel):
         hidden_state: LSTMState | None,
         resets: torch.Tensor | None,
     ) -> torch.Tensor:
+        out = self._remember(x, masks, hidden_state, resets)
+        if not self.skip:
+            return out
+        return torch.cat([x if masks is None else unpad_trajectories(x, masks), out], dim=-1)  # type: ignore
+
+    def _remember(
+        self,
+        x: torch.Tensor,
+        masks: torch.Tensor | None,
+        hidden_state: LSTMState | None,
+        resets: torch.Tensor | None,
+    ) -> torch.Tensor:
         if x.dim() == 2:
             return self.lstm.step(x)
         if hidden_state is None:
@@ -229,7 +261,7 @@ class ScandotRecurrentModel(ScandotModel):
         return self.lstm.sequence(x, hidden_state, resets)
 
     def _get_latent_dim(self) -> int:
-        return self.rnn_hidden_dim
+        return self.rnn_hidden_dim + (self.obs_dim + self.num_latents if self.skip else 0)
 
 
 def _is_scandots(group: str) -> bool:

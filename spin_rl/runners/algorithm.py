@@ -105,6 +105,11 @@ class PPO(rsl_rl.algorithms.PPO):
         self.max_learning_rate = max_learning_rate
         self.lost_updates = 0
 
+    @property
+    def models(self) -> tuple[ScandotModel, ...]:
+        """Models whose memory follows the episodes."""
+        return (self.actor, self.critic)
+
     @staticmethod
     def construct_algorithm(obs: TensorDict, env: VecEnv, cfg: dict, device: str) -> PPO:
         """Build models, storage and algorithm from the runner's configuration, which is checked already."""
@@ -177,7 +182,7 @@ class PPO(rsl_rl.algorithms.PPO):
             FloatingPointError: Several rollouts in a row allowed no step at all.
         """
         total = self.num_learning_epochs * self.num_mini_batches
-        sums = dict.fromkeys(STATISTICS, 0.0)
+        sums: dict[str, float] = {}
         steps = 0
         if self._rollout_is_finite():
             batches = self.storage.mini_batches(self.num_mini_batches)
@@ -191,13 +196,13 @@ class PPO(rsl_rl.algorithms.PPO):
                 self._limit_std()
                 steps += 1
                 for name, value in statistics.items():
-                    sums[name] += value
+                    sums[name] = sums.get(name, 0.0) + value
             flat = self.storage.observations.flatten(0, 1)
             self.actor.update_normalization(flat)
             self.critic.update_normalization(flat)
         else:
-            self.actor.reset()
-            self.critic.reset()
+            for model in self.models:
+                model.reset()
         self.storage.step = 0
         self.lost_updates = 0 if steps else self.lost_updates + 1
         if self.lost_updates >= MAX_LOST_UPDATES:
@@ -212,6 +217,17 @@ class PPO(rsl_rl.algorithms.PPO):
         if self.schedule == "linear":
             start, end = self.initial_learning_rate, self.min_learning_rate
             self._set_learning_rate(start + (end - start) * min(progress, 1.0))
+
+    def extra_state(self) -> dict[str, float]:
+        """Return what a checkpoint has to keep beside models, optimizer and learning rate."""
+        return {}
+
+    def load_extra_state(self, state: dict[str, float]) -> None:
+        """Restore what `extra_state` returned."""
+
+    def _extra_losses(self, batch: Batch) -> dict[str, tuple[float, torch.Tensor]]:
+        """Return further losses of the actor by name, each with its weight, after its forward pass."""
+        return {}
 
     def _compute_gradients(self, batch: Batch) -> dict[str, float]:
         """Compute the gradients of one minibatch, averaged over the processes and clipped."""
@@ -230,6 +246,10 @@ class PPO(rsl_rl.algorithms.PPO):
             value_loss = torch.max(value_loss, (near - batch.returns).square())
         value_loss = value_loss.mean()
         loss = surrogate + self.value_loss_coef * value_loss - self.entropy_coef * entropy
+        extra = self._extra_losses(batch)
+        for weight, value in extra.values():
+            if weight > 0.0:
+                loss = loss + weight * value
 
         self.optimizer.zero_grad()
         loss.backward()
@@ -243,8 +263,9 @@ class PPO(rsl_rl.algorithms.PPO):
             kl = self.actor.get_kl_divergence(
                 batch.distribution, self.actor.output_distribution_params
             ).mean()
-            statistics = self._mean_of_processes(torch.stack([value_loss, surrogate, entropy, kl, *norms]))
-        return dict(zip(STATISTICS, statistics.tolist(), strict=True))
+            numbers = [value_loss, surrogate, entropy, kl, *norms, *(value for _, value in extra.values())]
+            statistics = self._mean_of_processes(torch.stack(numbers))
+        return dict(zip((*STATISTICS, *extra), statistics.tolist(), strict=True))
 
     def _adapt_learning_rate(self, kl: float) -> None:
         if self.schedule != "adaptive":

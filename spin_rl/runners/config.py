@@ -37,7 +37,8 @@ _POSITIVE_NUMBERS = (
     "max_grad_norm",
     "desired_kl",
 )
-_FRACTIONS = ("gamma", "lam")
+_FRACTIONS = ("gamma", "lam", "imitation_anneal")
+_WEIGHTS = ("task_reward", "imitation_reward", "imitation_loss")
 
 
 def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None:
@@ -82,6 +83,9 @@ def _check_algorithm(cfg: Mapping[str, Any], num_envs: int) -> None:
     for key in _FRACTIONS:
         value = cfg.get(key, 1.0)
         _require(_is_positive(value) and value <= 1.0, f"algorithm.{key}", "above 0 and at most 1", value)
+    for key in _WEIGHTS:
+        value = cfg.get(key, 0.0)
+        _require(value == 0.0 or _is_positive(value), f"algorithm.{key}", "zero or a positive number", value)
     schedule = cfg.get("schedule", "adaptive")
     _require(schedule in SCHEDULES, "algorithm.schedule", f"one of {', '.join(SCHEDULES)}", schedule)
     batches = cfg.get("num_mini_batches", 4)
@@ -117,8 +121,15 @@ def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str
         raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.") from error
     is_fit = inspect.isclass(named) and issubclass(named, base)
     _require(is_fit, f"{where}.class_name", f"a {base.__module__}.{base.__name__}", cfg["class_name"])
-    known = set(inspect.signature(named).parameters) - set(given)  # type: ignore
-    _check_keys(cfg, known | {"class_name"}, set(), where)
+    _check_keys(cfg, (_arguments(named) - set(given)) | {"class_name"}, set(), where)  # type: ignore
+
+
+def _arguments(named: type) -> set[str]:
+    """Names of a constructor's arguments; one that hands any others on has its base class's too."""
+    parameters = inspect.signature(named.__init__).parameters.values()
+    names = {p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)} - {"self"}
+    hands_on = any(p.kind is p.VAR_KEYWORD for p in parameters)
+    return names | _arguments(named.__mro__[1]) if hands_on else names
 
 
 def _check_keys(cfg: Mapping[str, Any], known: set[str], required: set[str], where: str) -> None:

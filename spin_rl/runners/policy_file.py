@@ -67,22 +67,36 @@ def load_policy(name_or_path: str | Path, obs: TensorDict | None = None, device:
     if obs is not None:
         for group, dim in dims.items():
             found = obs[group].shape[-1] if group in obs else None
-            if found != dim:
+            # A PointNet takes any number of scandots, as in scenes with more obstacles.
+            any_number = group.startswith("scandots") and metadata["actor"].get("encoder", "pointnet") == "pointnet"
+            if found is None or (found != dim and not any_number):
                 raise ValueError(
                     f"{name_or_path} reads '{group}' of size {dim}; the environment's has size {found}."
                 )
-    example = TensorDict({group: torch.zeros(1, dim) for group, dim in dims.items()}, batch_size=[1])
-    # The file names classes: only models and distributions are built from it.
-    check_class(metadata["actor"], ScandotModel, "actor", MODEL_ARGUMENTS)
     check_class(
         metadata["actor"]["distribution_cfg"], Distribution, "actor.distribution_cfg", ("output_dim",)
     )
-    model_class, arguments = resolve_class(metadata["actor"])
-    actor = model_class(
-        example, {"actor": metadata["obs_groups"]}, "actor", metadata["num_actions"], **arguments
-    )
+    actor = build_model(metadata["actor"], "actor", dims, metadata["num_actions"])
     load_module_state(actor, weights, "actor", str(name_or_path))
     return actor.to(device).eval().requires_grad_(False)
+
+
+def build_model(cfg: dict[str, Any], name: str, dims: dict[str, int], output_dim: int) -> ScandotModel:
+    """Build a model from a file's description: the file names a class, and only a model's is used.
+
+    Args:
+        cfg: `class_name` and arguments.
+        name: "actor" or "critic".
+        dims: Sizes of the observation groups that it reads, in its order.
+        output_dim: Number of outputs.
+
+    Raises:
+        ValueError: It is no model, or has other arguments; one line that names the key.
+    """
+    check_class(cfg, ScandotModel, name, MODEL_ARGUMENTS)
+    example = TensorDict({group: torch.zeros(1, dim) for group, dim in dims.items()}, batch_size=[1])
+    model_class, arguments = resolve_class(cfg)
+    return model_class(example, {name: list(dims)}, name, output_dim, **arguments)
 
 
 def read_policy(name_or_path: str | Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:

@@ -111,6 +111,7 @@ class PPORunner(OnPolicyRunner):
                 obs, scalars = self._iterate(obs)
                 limits.advance(self.processes.max(time.monotonic() - start))
                 self.minutes = minutes_before + limits.elapsed_s / 60.0
+                self._dump_non_finite()
                 writer.write(self.current_learning_iteration, scalars)
                 if line:
                     line.show(self._text(limits))
@@ -160,6 +161,7 @@ class PPORunner(OnPolicyRunner):
         load_module_state(self.alg.critic, state["critic"], "critic", str(path))
         self.alg.optimizer.load_state_dict(state["optimizer"])
         self.alg.learning_rate = state["learning_rate"]
+        self.alg.load_extra_state(state.get("algorithm", {}))
         self.current_learning_iteration = state["iteration"]
         self.env_steps, self.minutes, self.skipped_steps = (
             state["env_steps"],
@@ -173,7 +175,7 @@ class PPORunner(OnPolicyRunner):
             torch.set_rng_state(own["rng_cpu"])
             if own["rng_cuda"] is not None and torch.device(self.device).type == "cuda":
                 torch.cuda.set_rng_state(own["rng_cuda"], self.device)
-            for model, memory in zip((self.alg.actor, self.alg.critic), own["memory"], strict=True):
+            for model, memory in zip(self.alg.models, own["memory"], strict=True):
                 if memory and memory[0].shape[1] == self.env.num_envs:
                     model.reset(hidden_state=tuple(part.to(self.device) for part in memory))
         return state
@@ -198,7 +200,7 @@ class PPORunner(OnPolicyRunner):
         self.env_steps += self.steps_per_iteration
         self.skipped_steps += round(losses["skipped_steps"])
         self.episodes.add(statistics)
-        scalars = {f"Loss/{name}": value for name, value in losses.items()}
+        scalars = {name if "/" in name else f"Loss/{name}": value for name, value in losses.items()}
         scalars |= {episode_tag(name): value for name, value in statistics.items()}
         scalars |= {
             "Loss/learning_rate": self.alg.learning_rate,
@@ -213,9 +215,9 @@ class PPORunner(OnPolicyRunner):
     def _state(self) -> dict[str, Any]:
         """Everything that `load` restores, complete in the main process."""
         alg, on_gpu = self.alg, torch.device(self.device).type == "cuda"
-        memory: list[tuple[torch.Tensor, ...] | None] = [None, None]
+        memory: list[tuple[torch.Tensor, ...] | None] = [None] * len(alg.models)
         if getattr(self.env, "restores_episodes", False):
-            states = (alg.actor.get_hidden_state(), alg.critic.get_hidden_state())
+            states = [model.get_hidden_state() for model in alg.models]
             memory = [state and tuple(part.cpu() for part in state) for state in states]  # type: ignore
         own = {
             "env": to_cpu(self.env.state_dict()),
@@ -228,6 +230,7 @@ class PPORunner(OnPolicyRunner):
             "critic": alg.critic.state_dict(),
             "optimizer": alg.optimizer.state_dict(),
             "learning_rate": alg.learning_rate,
+            "algorithm": alg.extra_state(),
             "iteration": self.current_learning_iteration,
             "env_steps": self.env_steps,
             "minutes": self.minutes,
@@ -237,6 +240,12 @@ class PPORunner(OnPolicyRunner):
             "config": self.config_text,
             "processes": self.processes.gather(own),
         }
+
+    def _dump_non_finite(self) -> None:
+        """Keep what the worlds that turned non-finite did before; every process has its own worlds."""
+        if self.run_dir is not None:
+            for path in self.env.dump_non_finite(self.run_dir / "non_finite"):
+                print(f"\nA world turned non-finite and was reset; its last states: {path}", flush=True)
 
     def _reason_to_stop(self, signal_name: str | None, limits: Limits) -> str | None:
         """Name the signal or the limit that ends the run now, all processes at once."""

@@ -83,14 +83,8 @@ class ScalarWriter:
 
 
 def episode_tag(name: str) -> str:
-    """TensorBoard tag of an episode statistic: its own group if it names one, else Episode or Curriculum."""
-    if "/" in name:
-        return name[0].upper() + name[1:]
-    return (
-        f"Curriculum/{name.removeprefix('curriculum_')}"
-        if name.startswith("curriculum")
-        else f"Episode/{name}"
-    )
+    """TensorBoard tag of an episode statistic: in the group that its name has before a slash, else Episode."""
+    return name[0].upper() + name[1:] if "/" in name else f"Episode/{name}"
 
 
 def format_duration(seconds: float) -> str:

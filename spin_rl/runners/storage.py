@@ -24,6 +24,7 @@ class Batch:
     log_prob: torch.Tensor
     distribution: tuple[torch.Tensor, ...]
     states: tuple[LSTMState | None, LSTMState | None]
+    targets: torch.Tensor | None = None
 
 
 class SequenceStorage:
@@ -62,6 +63,7 @@ class SequenceStorage:
         self.dones = torch.zeros(shape, dtype=torch.bool, device=device)
         self.distribution: tuple[torch.Tensor, ...] = ()
         self.states: tuple[LSTMState | None, LSTMState | None] = (None, None)
+        self.targets: torch.Tensor | None = None  # a teacher's actions, of algorithms that have one
         self.step = 0
 
     def add_decision(
@@ -112,4 +114,5 @@ class SequenceStorage:
             pick(self.log_prob),
             tuple(pick(parameter) for parameter in self.distribution),
             (actor, critic),
+            None if self.targets is None else pick(self.targets),
         )

@@ -58,6 +58,16 @@ class HealthMonitor:
             outputs=[self._overflow_count],
         )
 
+    def clear(self) -> None:
+        """Forget all that was counted and recorded."""
+        self.restart()
+        self._dump_count.zero_()
+        self._overflow_count.zero_()
+
+    def restart(self) -> None:
+        """Forget the states of the episodes that run: all worlds were reset from outside."""
+        self._history.zero_()
+
     def read(self) -> dict[str, float]:
         """Return and clear the number of control steps with overflow, over all worlds, as `overflow/<cause>`.
 

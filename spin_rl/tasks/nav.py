@@ -229,6 +229,7 @@ class NavEnv(VecEnv):
         # The eager pass compiles every kernel; its step is undone by the reset.
         with wp.ScopedDevice(device):
             self._launch_step()
+        self.health.clear()
         self.reseed(seed)
         self.reset()
         self._graph = StepGraph(self._launch_step, device, capture=capture)
@@ -363,6 +364,7 @@ class NavEnv(VecEnv):
         with wp.ScopedDevice(self.device):
             self._launch_reset_all()
         self.statistics.restart()
+        self.health.restart()
         return self.get_observations()
 
     def get_observations(self) -> TensorDict:

@@ -152,8 +152,10 @@ class NavObservations:
         return {"noise_rng": self._rng.get_state()}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore the noise generator."""
-        self._rng.set_state(state["noise_rng"].cpu())
+        """Restore the noise generator; one saved on another kind of device has no meaning here and is left."""
+        saved = state["noise_rng"].cpu()
+        if saved.shape == self._rng.get_state().shape:
+            self._rng.set_state(saved)
 
 
 def _joints(values: torch.Tensor) -> torch.Tensor:

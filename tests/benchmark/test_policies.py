@@ -37,12 +37,3 @@ def test_a_damaged_policy_names_the_key(tmp_path):
     path.write_bytes(b"nothing of the sort")
     with pytest.raises(ConfigError, match=r"^policy: "):
         policies.open_policy(str(path))
-
-
-def test_a_pointnet_is_not_compared_by_its_number_of_scandots():
-    obs = TensorDict({"goal": torch.zeros(5, 3), "scandots": torch.zeros(5, 64)}, batch_size=[5])
-    metadata = {"actor": {"encoder": "pointnet"}, "obs_dims": {"goal": 3, "scandots": 512}}
-    assert policies._comparable(obs, metadata)["scandots"].shape == (5, 512)
-    assert policies._comparable(obs, metadata)["goal"].shape == (5, 3)
-    metadata["actor"]["encoder"] = "concat"
-    assert policies._comparable(obs, metadata)["scandots"].shape == (5, 64)

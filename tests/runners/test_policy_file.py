@@ -99,3 +99,11 @@ def test_a_file_cannot_name_any_class(run, tmp_path, section):
     safetensors.torch.save_file(safetensors.torch.load_file(path), path, {"spin_rl": json.dumps(metadata)})
     with pytest.raises(ValueError, match="class_name must be a"):
         load_policy(path)
+
+
+def test_a_pointnet_takes_any_number_of_scandots(run):
+    obs = FakeEnv().get_observations()
+    more = obs.clone()
+    more["scandots"] = torch.cat([obs["scandots"], obs["scandots"]], -1)
+    once, twice = (load_policy(run[1], o)(o) for o in (obs, more))
+    assert torch.allclose(once, twice)  # repeated tokens change nothing

@@ -83,7 +83,7 @@ def test_limit_of_time_and_what_is_written(tmp_path, capsys):
         "Loss/learning_rate",
         "Loss/skipped_steps",
         "Episode/success_rate",
-        "Curriculum/level",
+        "Episode/level",
         "Policy/std",
         "Perf/env_steps_per_second",
     } <= set(tags)

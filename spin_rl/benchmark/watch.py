@@ -1,0 +1,151 @@
+"""A policy under observation: where its camera points, and what the robot hits without having seen it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+
+from spin_rl import robot
+from spin_rl.benchmark.hits import FLOOR, Hit, NearestObstacle
+from spin_rl.benchmark.reach import Policy
+from spin_rl.tasks import episode
+from spin_rl.tasks.nav import NavEnv
+from spin_rl.warp_kernels.tokens import NUM_CORNERS, TOKEN_SIZE
+
+_CAMERA_JOINTS = ("head_pan", "head_tilt")
+_CAMERA_DOFS = [robot.DOF_NAMES.index(joint) for joint in _CAMERA_JOINTS]
+# Episodes start with a random camera pose, which says nothing about the policy.
+SETTLING_S = 1.0
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """Statistics of one camera joint over the observations of episodes, after `SETTLING_S`.
+
+    Attributes:
+        mean: Over all observations [rad].
+        std: Over all observations [rad].
+        p5: 5th percentile [rad].
+        p95: 95th percentile [rad].
+        std_within: Mean of the episodes' own standard deviations [rad]: 0 for a constant pose, even where it
+            differs between episodes.
+        rate: Mean absolute rate of change [rad/s].
+    """
+
+    mean: float
+    std: float
+    p5: float
+    p95: float
+    std_within: float
+    rate: float
+
+
+def camera_motion(poses: np.ndarray, valid: np.ndarray, period: float) -> CameraMotion | None:
+    """Sum up the recorded positions of a joint.
+
+    Args:
+        poses: Positions [rad], shape (steps, episodes).
+        valid: Which of them count, shape (steps, episodes), bool.
+        period: Time between two steps [s].
+
+    Returns:
+        The statistics, or None if nothing counts.
+    """
+    if not valid.any():
+        return None
+    values = poses[valid].astype(np.float64)
+    pairs = valid[1:] & valid[:-1]
+    change = np.abs(np.diff(poses, axis=0))[pairs]
+    within = [
+        poses[rows, i].astype(np.float64).std() for i, rows in enumerate(valid.T) if np.count_nonzero(rows)
+    ]
+    return CameraMotion(
+        mean=float(values.mean()),
+        std=float(values.std()),
+        p5=float(np.percentile(values, 5)),
+        p95=float(np.percentile(values, 95)),
+        std_within=float(np.mean(within)),
+        rate=float(change.mean()) / period if change.size else 0.0,
+    )
+
+
+class WatchedPolicy:
+    """Passes a policy through and records the first episode of every world after each full reset."""
+
+    def __init__(self, policy: Policy, env: NavEnv) -> None:
+        """Watch a policy in an environment that only it acts in."""
+        self._policy = policy
+        self._env = env
+        self._nearest = NearestObstacle(env.sim)
+        self._is_wall = env.sim.layout.is_wall.numpy()
+        self._period = env.cfg.sim.control_period
+        self._recorded: list[tuple[np.ndarray, np.ndarray]] = []
+        self._poses: list[torch.Tensor] = []
+        self._valid: list[torch.Tensor] = []
+        self.hits: list[Hit] = []
+
+    def __call__(self, obs: TensorDict) -> torch.Tensor:
+        """Return the policy's actions, shape (num_envs, 10)."""
+        self._qpos.copy_(self._env.sim.views.qpos)
+        tokens = obs["scandots"].view(self._env.num_envs, -1, TOKEN_SIZE)
+        self._seen |= (tokens[..., -NUM_CORNERS:] > 0.0).any(-1)
+        self._poses.append(self._qpos[:, _CAMERA_DOFS])
+        self._valid.append(self._running.clone())
+        return self._policy(obs)
+
+    def reset(self, dones: torch.Tensor | None = None) -> None:
+        """Clear the policy's state and close the episodes that ended; without a mask, start to record new ones."""
+        self._policy.reset(dones)
+        if dones is None:
+            self._begin()
+        else:
+            self._end(dones > 0)
+
+    def _begin(self) -> None:
+        self._store()
+        env = self._env
+        slots = env.sim.layout.pool.num_slots
+        self._running = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
+        self._seen = torch.zeros(env.num_envs, slots, dtype=torch.bool, device=env.device)
+        self._qpos = env.sim.views.qpos.clone()
+        self._nearest.remember_layouts()
+
+    def _end(self, done: torch.Tensor) -> None:
+        ended = self._running & done
+        self._running &= ~done
+        worlds = (ended & (self._env.outcome == episode.COLLISION)).nonzero().flatten()
+        if len(worlds) == 0:
+            return
+        states = (self._qpos, self._env.sim.views.part_contacts, self._seen)
+        rows = (state[worlds].cpu().numpy() for state in states)
+        for world, qpos, parts, seen in zip(worlds.tolist(), *rows, strict=True):
+            slot = self._nearest.find(world, qpos, parts)
+            if slot == FLOOR:
+                self.hits.append(Hit("floor", seen=False))
+            else:
+                self.hits.append(Hit("wall" if self._is_wall[slot] else "obstacle", bool(seen[slot])))
+
+    def _store(self) -> None:
+        if self._poses:
+            valid = torch.stack(self._valid).cpu().numpy()
+            valid[: round(SETTLING_S / self._period)] = False
+            self._recorded.append((torch.stack(self._poses).cpu().numpy(), valid))
+        self._poses, self._valid = [], []
+
+    def camera(self) -> dict[str, CameraMotion] | None:
+        """Return pan's and tilt's statistics over all episodes, None if none outlasted `SETTLING_S`."""
+        self._store()
+        steps = max(len(valid) for _, valid in self._recorded)
+        poses = np.concatenate([_padded(poses, steps) for poses, _ in self._recorded], axis=1)
+        valid = np.concatenate([_padded(valid, steps) for _, valid in self._recorded], axis=1)
+        motions = [camera_motion(poses[..., i], valid, self._period) for i in range(len(_CAMERA_JOINTS))]
+        if motions[0] is None or motions[1] is None:
+            return None
+        return {"pan": motions[0], "tilt": motions[1]}
+
+
+def _padded(values: np.ndarray, steps: int) -> np.ndarray:
+    return np.concatenate([values, np.zeros((steps - len(values), *values.shape[1:]), values.dtype)])

@@ -1,0 +1,102 @@
+"""Projection of world points into a picture, and a camera that follows the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_NEAR_M = 0.05
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """A MuJoCo camera: x right, y up, looking along -z.
+
+    Attributes:
+        pos: Centre [m], world, shape (3,).
+        mat: Rotation of the camera frame to the world, shape (3, 3).
+        fovy: Vertical field of view [degrees].
+        width: Columns of the picture.
+        height: Rows of the picture.
+    """
+
+    pos: np.ndarray
+    mat: np.ndarray
+    fovy: float
+    width: int
+    height: int
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project world points.
+
+        Args:
+            points: World positions [m], shape (n, 3).
+
+        Returns:
+            Pixels (column from the left, row from the top; centres of pixels at half integers), shape (n, 2),
+            and depths along the line of sight [m], shape (n,). Pixels of points that are not in front of the
+            camera are NaN.
+        """
+        x, y, z = ((points - self.pos) @ self.mat).T
+        depth = -z
+        focal = 0.5 * self.height / np.tan(0.5 * np.radians(self.fovy))
+        safe = np.where(depth > 0.0, depth, np.nan)
+        pixels = np.stack((0.5 * self.width + focal * x / safe, 0.5 * self.height - focal * y / safe), -1)
+        return pixels, depth
+
+    def project_segment(self, start: np.ndarray, end: np.ndarray) -> np.ndarray | None:
+        """Project the part of a segment that is in front of the camera.
+
+        Returns:
+            Pixels of both ends, shape (2, 2), or None if all of it lies behind.
+        """
+        ends = np.stack((start, end)).astype(float)
+        depth = -((ends - self.pos) @ self.mat)[:, 2]
+        if (depth < _NEAR_M).all():
+            return None
+        for i in (0, 1):
+            if depth[i] < _NEAR_M:
+                share = (_NEAR_M - depth[i]) / (depth[1 - i] - depth[i])
+                ends[i] += share * (ends[1 - i] - ends[i])
+        return self.project(ends)[0]
+
+
+class FollowCamera:
+    """Behind and above the robot, turning smoothly."""
+
+    def __init__(self, back: float = 2.1, up: float = 2.3, time_constant: float = 0.8) -> None:
+        """Start without a direction.
+
+        Args:
+            back: Distance behind the robot [m].
+            up: Height [m].
+            time_constant: Of the direction's low-pass filter [s].
+        """
+        self._back = back
+        self._up = up
+        self._time_constant = time_constant
+        self._heading: np.ndarray | None = None
+
+    def cut(self) -> None:
+        """Forget the direction: the next place follows the robot's heading at once."""
+        self._heading = None
+
+    def place(self, base: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Follow one step.
+
+        Args:
+            base: Pose of the base (x [m], y [m], yaw [rad]), shape (3,).
+            dt: Time since the last call [s].
+
+        Returns:
+            Position of the camera and the point that it looks at [m], world.
+        """
+        heading = np.array([np.cos(base[2]), np.sin(base[2])])
+        if self._heading is not None:
+            heading = self._heading + (heading - self._heading) * (1 - np.exp(-dt / self._time_constant))
+            norm = np.linalg.norm(heading)
+            heading = heading / norm if norm > 1e-6 else self._heading
+        self._heading = heading
+        pos = np.array([*(base[:2] - self._back * heading), self._up])
+        return pos, np.array([*(base[:2] + 0.35 * heading), 0.45])

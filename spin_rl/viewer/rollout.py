@@ -1,0 +1,190 @@
+"""Running a policy to look at it: every step of every world as plain NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from spin_rl import robot
+from spin_rl.benchmark.reach import Policy
+from spin_rl.scenes.layout import Scene
+from spin_rl.tasks.episode import OUTCOMES
+from spin_rl.tasks.nav import NavEnv
+
+RUNNING = OUTCOMES[0]
+
+
+@dataclass(frozen=True)
+class Scandots:
+    """The scandots of one world at one time.
+
+    Attributes:
+        points: Corners in the local window, then corners of the pieces of walls that the camera sees, in the
+            world frame [m], shape (n, 3).
+        seen: Whether the policy gets them, shape (n,), bool.
+    """
+
+    points: np.ndarray
+    seen: np.ndarray
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One world at one time.
+
+    Attributes:
+        scene: What stands in the world; the same object for all snapshots of an episode.
+        episode: Number of the episode in its world, from 0.
+        time: Since the start of the episode [s].
+        qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
+        scandots: What is near, and what of it is seen.
+        outcome: One of `episode.OUTCOMES`; other than "running" in an episode's last snapshot.
+    """
+
+    scene: Scene
+    episode: int
+    time: float
+    qpos: np.ndarray
+    scandots: Scandots
+    outcome: str = RUNNING
+
+    @property
+    def ended(self) -> bool:
+        """Whether this is the last snapshot of its episode."""
+        return self.outcome != RUNNING
+
+    @property
+    def goal_distance(self) -> float:
+        """Straight distance from the base to the goal [m]."""
+        return float(np.hypot(*(self.scene.goal - self.qpos[:2])))
+
+    def joint(self, name: str) -> float:
+        """Position of a joint of the MJCF [m or rad]."""
+        return float(self.qpos[robot.DOF_NAMES.index(name)])
+
+
+class Player:
+    """An environment and a policy in it, one control step after the other.
+
+    Attributes:
+        env: The environment.
+        ended: Last snapshots of all finished episodes since `start`, in the order of their end.
+    """
+
+    def __init__(self, env: NavEnv, policy: Policy) -> None:
+        """Take over an environment; `start` begins the first episodes.
+
+        Args:
+            env: Environment with any number of worlds.
+            policy: Policy for it.
+        """
+        self.env = env
+        self.ended: list[Snapshot] = []
+        self._policy = policy
+        self._snapshots: list[Snapshot] = []
+
+    @property
+    def snapshots(self) -> list[Snapshot]:
+        """Where every world is now; a world whose episode has ended is already at the start of its next."""
+        return self._snapshots
+
+    def start(
+        self, scenario: int, difficulty: int, *, seed: int | None = None, policy: Policy | None = None
+    ) -> list[Snapshot]:
+        """Begin new episodes in all worlds.
+
+        Args:
+            scenario: 1 straight, 2 L-shaped, 0 a mix.
+            difficulty: 0 easy, 1 medium, 2 hard, -1 a mix.
+            seed: Starts the sequence of episodes of this seed; None goes on with the running sequence.
+            policy: Another policy for the same environment; None keeps the present one.
+
+        Returns:
+            A snapshot of every world.
+        """
+        n = self.env.num_envs
+        self._policy = policy or self._policy
+        self.env.set_cells([scenario] * n, [difficulty] * n)
+        if seed is not None:
+            self.env.reseed(seed)
+        self._obs = self.env.reset()
+        self._policy.reset()
+        self.ended = []
+        self._steps = np.zeros(n, dtype=int)
+        self._episodes = np.zeros(n, dtype=int)
+        self._scenes = self.env.sim.layout.scenes()
+        self._snapshots = self._read()
+        return self._snapshots
+
+    @torch.no_grad()
+    def step(self) -> list[Snapshot]:
+        """Let the policy act once in every world.
+
+        Returns:
+            A snapshot of every world. Where an episode has ended, it is the state that ended it, with the
+            scandots of the step before: those of that state were never computed.
+        """
+        self._obs, _, done, _ = self.env.step(self._policy(self._obs))
+        self._policy.reset(done)
+        self._steps += 1
+        before = self._snapshots
+        ended = np.flatnonzero(done.cpu().numpy())
+        last: dict[int, Snapshot] = {}
+        if ended.size:
+            qpos, outcomes = self.env._final_qpos.numpy(), self.env.outcome.cpu().numpy()
+            for world in ended:
+                last[int(world)] = replace(
+                    before[world],
+                    time=self._time(world),
+                    qpos=qpos[world].astype(float),
+                    outcome=OUTCOMES[outcomes[world]],
+                )
+                self._scenes[world] = self.env.sim.layout.scene(int(world))
+            self._steps[ended] = 0
+            self._episodes[ended] += 1
+            self.ended.extend(last.values())
+        self._snapshots = self._read()
+        return [last.get(world, snapshot) for world, snapshot in enumerate(self._snapshots)]
+
+    def _time(self, world: int) -> float:
+        return float(self._steps[world] * self.env.cfg.sim.control_period)
+
+    def _read(self) -> list[Snapshot]:
+        qpos = self.env.sim.data.qpos.numpy().astype(float)
+        known, visible = self.env.scandots.all.numpy(), self.env.scandots.visible.numpy()
+        return [
+            Snapshot(
+                scene=self._scenes[world],
+                episode=int(self._episodes[world]),
+                time=self._time(world),
+                qpos=qpos[world],
+                scandots=scandots_of(
+                    known[world], visible[world], self._scenes[world].is_wall, qpos[world, :3]
+                ),
+            )
+            for world in range(self.env.num_envs)
+        ]
+
+
+def scandots_of(known: np.ndarray, visible: np.ndarray, is_wall: np.ndarray, base: np.ndarray) -> Scandots:
+    """Turn tokens into points.
+
+    The corners of what is seen of a wall are not those of its piece in the window, so both are listed; a
+    corner of an obstacle is listed once.
+
+    Args:
+        known: Tokens of the local window, shape (nslot, 32).
+        visible: Tokens of what the camera sees, shape (nslot, 32).
+        is_wall: Which slots are walls, shape (nslot,).
+        base: Pose of the base (x [m], y [m], yaw [rad]), shape (3,).
+    """
+    in_window, seen = known[:, 24:] > 0.5, visible[:, 24:] > 0.5
+    unseen = in_window & (is_wall[:, None] | ~seen)
+    corners = [tokens[:, :24].reshape(-1, 8, 3)[mask] for tokens, mask in ((known, unseen), (visible, seen))]
+    points_b = np.concatenate(corners).astype(float)
+    cos, sin = np.cos(base[2]), np.sin(base[2])
+    points_w = points_b @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    points_w[:, :2] += base[:2]
+    return Scandots(points_w, np.repeat([False, True], [len(part) for part in corners]))

@@ -1,0 +1,190 @@
+"""The robot and one scene as an ordinary MuJoCo model on the host: poses, cameras and rays for pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from spin_rl import robot
+from spin_rl.scenes.builder import PARKED_Z_M, SCENE_GROUP, add_pool
+from spin_rl.scenes.layout import PoolSpec, Scene
+from spin_rl.viewer import style
+from spin_rl.viewer.rollout import Snapshot
+
+VISUAL_GROUP = 2
+VIEW = "follow"
+"""Name of the camera that follows the robot; `Stage.place_view` moves it."""
+
+_CAMERA_SITE = "camera_depth_optical_frame"
+_LOW_WALL_M = 0.22
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """The robot's depth camera.
+
+    Attributes:
+        pos: Optical centre [m], world, shape (3,).
+        mat: Rotation of the optical frame (x image right, y down, z forward) to the world, shape (3, 3).
+        tan_half_fov: Tangents of half the field of view along the optical x and y axes.
+    """
+
+    pos: np.ndarray
+    mat: np.ndarray
+    tan_half_fov: tuple[float, float]
+
+    def frustum(self, length: float) -> np.ndarray:
+        """Apex and the four corners at a depth [m], world, shape (5, 3), corners in order around the image."""
+        tan_x, tan_y = self.tan_half_fov
+        corners = [(sx * tan_x, sy * tan_y, 1.0) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        local = np.array([(0.0, 0.0, 0.0), *corners]) * length
+        return self.pos + local @ self.mat.T
+
+
+class Stage:
+    """Holds one model for all scenes of a pool; `load` writes a scene, `pose` the robot.
+
+    Attributes:
+        model: Robot, floor, pool, goal marker, light and cameras.
+        data: Its state; poses are those of the last `pose`.
+    """
+
+    def __init__(self, pool: PoolSpec, camera_mount: robot.CameraMount) -> None:
+        """Compile the model.
+
+        Args:
+            pool: Slots of the scenes to come.
+            camera_mount: "portrait" or "landscape".
+        """
+        self.pool = pool
+        self._tan_half_fov = robot.camera_tan_half_fov(camera_mount)
+        self.model = _spec(pool).compile()
+        self.data = mujoco.MjData(self.model)
+        self._geoms = np.array([self.model.geom(name).id for name in pool.geom_names()])
+        self._goal = self.model.geom("goal").id
+        # Compiled as "same frame as the body" where the parked pose allows; the poses written below do not.
+        self.model.geom_sameframe[[*self._geoms, self._goal]] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        self.scene = Scene.empty(pool)
+
+    def load(self, scene: Scene) -> None:
+        """Write a scene of the stage's pool into the model."""
+        model = self.model
+        self.scene = scene
+        for slot, geom in enumerate(self._geoms):
+            half, yaw = scene.half_size[slot], 0.5 * scene.yaw[slot]
+            model.geom_pos[geom] = scene.pos[slot] if scene.active[slot] else (0.0, 0.0, PARKED_Z_M)
+            model.geom_quat[geom] = (np.cos(yaw), 0.0, 0.0, np.sin(yaw))
+            size = (half[0], half[2], 0.0) if scene.is_cylinder[slot] else half
+            model.geom_size[geom] = size
+            model.geom_rbound[geom] = np.linalg.norm(half)
+            model.geom_aabb[geom] = (0.0, 0.0, 0.0, *half)
+        model.geom_rgba[self._geoms, :3] = np.array(style.slot_colours(scene)) / 255
+        model.geom_pos[self._goal, :2] = scene.goal
+
+    def pose(self, snapshot: Snapshot) -> None:
+        """Put the robot where it is in a snapshot, in the snapshot's scene."""
+        if snapshot.scene is not self.scene:
+            self.load(snapshot.scene)
+        self.data.qpos[:] = snapshot.qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+    def depth_camera(self) -> DepthCamera:
+        """The robot's depth camera at the present pose."""
+        site = self.data.site(_CAMERA_SITE)
+        return DepthCamera(site.xpos.copy(), site.xmat.reshape(3, 3).copy(), self._tan_half_fov)
+
+    def depth_image(self, height: int) -> np.ndarray:
+        """What the depth camera would measure of the scene, upright.
+
+        Args:
+            height: Rows; the columns follow from the field of view.
+
+        Returns:
+            Distance along the optical axis [m], infinite where there is nothing, shape (height, width). The
+            robot itself is left out.
+        """
+        camera = self.depth_camera()
+        tan_x, tan_y = camera.tan_half_fov
+        width = round(height * tan_y / tan_x)
+        # Upright, rows run along the optical x axis, and columns against its y axis (portrait mount).
+        rows = (np.arange(height) + 0.5) / height * 2 - 1
+        columns = 1 - (np.arange(width) + 0.5) / width * 2
+        x, y = np.meshgrid(rows * tan_x, columns * tan_y, indexing="ij")
+        rays = np.stack((x, y, np.ones_like(x)), -1).reshape(-1, 3) @ camera.mat.T
+        group = np.zeros(6, dtype=np.uint8)
+        group[SCENE_GROUP] = 1
+        count = len(rays)
+        geom, distance = np.zeros(count, dtype=np.int32), np.zeros(count)
+        # Rays advance one metre of depth per unit, so that distances are depths.
+        mujoco.mj_multiRay(
+            self.model, self.data, camera.pos, rays.ravel(), group, True, -1, geom, distance, None, count, 1e3
+        )
+        return np.where(geom < 0, np.inf, distance).reshape(height, width)
+
+    def place_view(self, pos: np.ndarray, look_at: np.ndarray) -> None:
+        """Move the following camera: its place and what it looks at [m], world; effective at once."""
+        camera = self.model.camera(VIEW).id
+        back = (pos - look_at) / np.linalg.norm(pos - look_at)
+        right = np.cross((0.0, 0.0, 1.0), back)
+        right /= np.linalg.norm(right)
+        self.data.cam_xpos[camera] = pos
+        self.data.cam_xmat[camera] = np.stack((right, np.cross(back, right), back), -1).ravel()
+
+    def low_walls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and sizes of all geoms with the walls cut low, so that they hide nothing.
+
+        Returns:
+            `geom_xpos` and `geom_size` [m], shape (ngeom, 3) each.
+        """
+        xpos, size = self.data.geom_xpos.copy(), self.model.geom_size.copy()
+        walls = self._geoms[self.scene.is_wall & self.scene.active]
+        size[walls, 2] = np.minimum(size[walls, 2], 0.5 * _LOW_WALL_M)
+        xpos[walls, 2] = size[walls, 2]
+        return xpos, size
+
+
+def _spec(pool: PoolSpec) -> mujoco.MjSpec:
+    spec = robot.load_spec()
+    add_pool(spec, pool)
+    world = spec.worldbody
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[c / 255 for c in style.FLOOR],
+        rgb2=[0.95 * c / 255 for c in style.FLOOR],
+        width=128,
+        height=128,
+    )
+    textures = [""] * mujoco.mjtTextureRole.mjNTEXROLE
+    textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.add_material(name="tiles", textures=textures, texrepeat=[1, 1], texuniform=True)
+    floor = spec.geom("floor")
+    floor.material = "tiles"
+    floor.rgba = [0.5, 0.5, 0.5, 1.0]  # MuJoCo's default: the material's colour counts
+    world.add_geom(
+        name="goal",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[0.15, 0.004, 0.0],
+        pos=[0.0, 0.0, 0.004],
+        contype=0,
+        conaffinity=0,
+        group=VISUAL_GROUP,
+        rgba=[*(c / 255 for c in style.GOAL), 1.0],
+    )
+    world.add_light(
+        pos=[0.0, 0.0, 6.0],
+        dir=[0.35, 0.25, -1.0],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.55, 0.55, 0.55],
+        specular=[0.1, 0.1, 0.1],
+        castshadow=True,
+    )
+    spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
+    spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
+    spec.visual.headlight.specular = [0.0, 0.0, 0.0]
+    world.add_camera(name=VIEW, pos=[-2.0, 0.0, 2.0], fovy=45.0)
+    return spec

@@ -1,0 +1,113 @@
+"""The spin-train command: its errors, and one tiny training from start to resume."""
+
+import json
+import sys
+
+import pytest
+import torch
+import yaml
+
+import spin_rl.tasks.nav
+from spin_rl.cli import common, train
+from spin_rl.config import ConfigError
+
+
+def run_main(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["spin-train", *arguments])
+    train.main()
+
+
+@pytest.mark.parametrize(
+    ("argument", "expected"),
+    [
+        ("nonsense=1", "nonsense"),
+        ("+nonsense=1", "nonsense: unknown key"),
+        ("robot=foo", "robot/foo"),
+        ("reward=generous", "reward/generous"),
+        ("preset=laptop", "preset/laptop"),
+        ("task.episode_s=-1", "task.episode_s must exceed"),
+        ("task.episode_s=[", "task.episode_s=["),
+        ("task.camera_mount=sideways", "task.camera_mount must be portrait or landscape"),
+        ("scene.width=0.1", "scene.width"),
+        ("device=cuda:9", "device: cuda:9 is not available here"),
+        ("device=tpu", "device: unknown device 'tpu'"),
+        ("resume=missing", "no checkpoint at missing"),
+        ("num_envs=0", "num_envs: expected a whole number from 1 on, got 0"),
+        ("num_envs=many", "num_envs: expected a whole number from 1 on, got 'many'"),
+        ("seed=1.5", "seed: expected a whole number from 0 on, got 1.5"),
+        ("max_iterations=0", "max_iterations: expected a whole number from 1 on"),
+        ("max_minutes=0", "max_minutes: expected a positive number or null, got 0"),
+        ("evaluate=-1", "evaluate: expected a whole number from 0 on"),
+        ("run_dir=null", "run_dir: expected a path"),
+        ("run_dir=file/inside", "file"),
+        ("runner.num_steps_per_env=0", "runner.num_steps_per_env"),
+        ("+runner.steps=3", "runner.steps"),
+        ("runner.obs_groups.actor=[proprio,depth]", "depth"),
+        ("+runner.algorithm.learning_speed=1.0", "algorithm.learning_speed"),
+        ("num_envs=2", "num_mini_batches"),
+    ],
+)
+def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_path, argument, expected):
+    def too_late(*_, **__):
+        raise AssertionError("worlds were made")
+
+    monkeypatch.setattr(spin_rl.tasks.nav, "NavEnv", too_late)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit) as stopped:
+        run_main(monkeypatch, argument)
+    assert stopped.value.code == 2
+    error = capfd.readouterr().err.strip()
+    assert error.startswith("spin-train: error: ") and expected in error
+    assert "\n" not in error
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_devices():
+    assert common.resolve_device("cpu") == "cpu"
+    assert common.resolve_device("auto") == ("cuda:0" if torch.cuda.is_available() else "cpu")
+    for device in ("tpu", "mps", "cpu:0", "cuda:x", "cuda:99", 3):
+        with pytest.raises(ConfigError, match="device: "):
+            common.resolve_device(device)
+
+
+def test_training_from_start_to_resume(monkeypatch, capfd, tmp_path, device):
+    monkeypatch.chdir(tmp_path)
+    run_dir = tmp_path / "runs" / "tiny"
+    settings = ["num_envs=16", "runner.num_steps_per_env=8", f"device={device}"]
+    run_main(monkeypatch, *settings, "max_iterations=2", f"run_dir={run_dir}")
+
+    printed = capfd.readouterr().out.strip().splitlines()
+    assert printed[0].startswith(f"Starting 16 worlds on {device}")
+    assert printed[-1].startswith(f"Wrote {run_dir / 'summary.json'}")
+    names = {str(path.relative_to(run_dir)) for path in run_dir.rglob("*") if path.is_file()}
+    events = {name for name in names if name.startswith("events.out.tfevents")}
+    checkpoints = {"checkpoints/last.pt", "checkpoints/iteration_0000002.pt"}
+    assert names - events == {"config.yaml", "summary.json"} | checkpoints and len(events) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+    config = yaml.safe_load((run_dir / "config.yaml").read_text())
+    assert config["num_envs"] == 16 and config["task"]["name"] == "nav"
+    text = (run_dir / "summary.json").read_text()
+    assert "NaN" not in text
+    summary = json.loads(text)
+    assert {"env_steps", "env_steps_per_second", "minutes", "success_rate"} <= set(summary)
+    assert summary["env_steps"] == 2 * 8 * 16 and summary["iterations"] == 2
+    assert summary["stopped_by"] == "max_iterations" and summary["device"] == device
+
+    # Another run may not overwrite it.
+    with pytest.raises(SystemExit) as stopped:
+        run_main(monkeypatch, *settings, f"run_dir={run_dir}")
+    assert stopped.value.code == 2 and f"continue it with resume={run_dir}" in capfd.readouterr().err
+
+    # It goes on in its own folder, and counts on.
+    run_main(monkeypatch, *settings, "max_iterations=3", f"resume={run_dir}")
+    summary = json.loads((run_dir / "summary.json").read_text())
+    assert summary["iterations"] == 3 and summary["env_steps"] == 3 * 8 * 16
+    assert (run_dir / "checkpoints" / "iteration_0000003.pt").is_file()
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["tiny"]
+
+    # Or in another one, where that is asked for.
+    other = tmp_path / "other"
+    run_main(monkeypatch, *settings, "max_iterations=3", f"resume={run_dir / 'checkpoints' / 'last.pt'}",
+             f"run_dir={other}")  # fmt: skip
+    assert json.loads((other / "summary.json").read_text())["iterations"] == 3
