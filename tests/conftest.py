@@ -1,7 +1,6 @@
 """Options and fixtures that all tests share."""
 
 import pytest
-import torch
 import warp as wp
 
 from spin_rl.tasks.nav import NavConfig, NavEnv
@@ -42,15 +41,10 @@ def shared_nav_env(make_nav_env) -> NavEnv:
 
 @pytest.fixture
 def nav_env(shared_nav_env) -> NavEnv:
-    """The default task in 8 worlds, at the start of the first episodes of seed 3; tests may do anything to it."""
+    """The default task in 8 worlds, at the first episodes of seed 3; a test may do anything to it."""
     env = shared_nav_env
     env.set_cells([0] * NUM_WORLDS, [-1] * NUM_WORLDS)
     env.reseed(3)
     env.reset()
     env.episode_stats()
     return env
-
-
-def hold(env: NavEnv) -> torch.Tensor:
-    """The actions that keep every robot where it starts."""
-    return env.sim.views.action.clone()

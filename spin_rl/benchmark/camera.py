@@ -14,7 +14,7 @@ import numpy as np
 from spin_rl.benchmark.camera_variants import Variant, check_pose
 from spin_rl.benchmark.hits import Hit, summarize_hits
 from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, Cell, PolicyFactory, run_cells
+from spin_rl.benchmark.reach import REACH_CELLS, Cell, Policy, PolicyFactory, run_cells
 from spin_rl.benchmark.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.config import ConfigError
 from spin_rl.tasks import episode
@@ -73,8 +73,8 @@ def analyse_camera(
         report: Receives lines of progress.
 
     Returns:
-        `policy`, `benchmark` ("reach"), `analysis` ("camera"), `variants` (see `describe`), the first with its
-        own camera and the second frozen at that one's mean pose, and the settings of the measurement.
+        `policy`, `benchmark` ("reach"), `analysis` ("camera"), `variants` (see `describe`; first the own
+        camera, then the one frozen at its mean pose), and the settings of the measurement.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, too few worlds, or a pose beyond the limits.
@@ -86,8 +86,11 @@ def analyse_camera(
         check_pose(variant)
     start = time.monotonic()
     total = 2 + len(held)
+    # One for all variants: a training that goes on may replace the file meanwhile.
+    policy: Policy | None = None
 
     def measure(number: int, variant: Variant) -> Measured:
+        nonlocal policy
         task = cfg if variant.pose is None else replace(cfg, camera_pose=variant.pose)
         starting = f"Variant {number} of {total}, {variant.name}: starting {nworld} worlds on {device}"
         if announce and number == 1:
@@ -96,7 +99,9 @@ def analyse_camera(
         else:
             report(starting)
             env = NavEnv(task, nworld, device)
-        return run_variant(make_policy, env, variant, cells, episodes, seeds, report)
+        if policy is None:
+            policy = make_policy(env.get_observations(), device)
+        return run_variant(policy, env, variant, cells, episodes, seeds, report)
 
     own = measure(1, Variant("own camera", "own"))
     measured = [own]
@@ -120,7 +125,7 @@ def analyse_camera(
 
 
 def run_variant(
-    make_policy: PolicyFactory,
+    policy: Policy,
     env: NavEnv,
     variant: Variant,
     cells: Sequence[Cell],
@@ -131,7 +136,7 @@ def run_variant(
     """Run one variant in an environment with one world per episode of a seed.
 
     Args:
-        make_policy: Makes the policy.
+        policy: The policy.
         env: Environment whose camera is as the variant says.
         variant: The variant.
         cells: Conditions of the benchmark.
@@ -139,17 +144,17 @@ def run_variant(
         seeds: Seeds.
         report: Receives lines of progress.
     """
-    policy = WatchedPolicy(make_policy(env.get_observations(), env.device), env)
+    watched = WatchedPolicy(policy, env)
     per_seed = []
     for seed in seeds:
         env.reseed(seed)
         per_seed.append(
             run_cells(
-                env, policy, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
+                env, watched, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
             )
         )
     joined = [Episodes.concatenate(list(groups)) for groups in zip(*per_seed, strict=True)]
-    return Measured(variant, joined, policy.camera(), policy.hits)
+    return Measured(variant, joined, watched.camera(), watched.hits)
 
 
 def frozen_at_mean(own: Measured) -> Variant:

@@ -7,6 +7,7 @@ from typing import Any
 
 from spin_rl.benchmark import report
 from spin_rl.benchmark.metrics import wilson_interval
+from spin_rl.benchmark.paper import DIFFICULTIES
 
 
 def table(result: dict[str, Any]) -> str:
@@ -50,7 +51,8 @@ def _motion(own: dict[str, Any]) -> list[str]:
     for joint, motion in own["camera"].items():
         lines.append(
             f"  own {joint:4} mean {motion['mean']:+.2f} rad, "
-            f"5-95% {motion['p5']:+.2f} to {motion['p95']:+.2f}, std {motion['std']:.2f} ({motion['std_within']:.2f} within an episode), "
+            f"5-95% {motion['p5']:+.2f} to {motion['p95']:+.2f}, "
+            f"std {motion['std']:.2f} ({motion['std_within']:.2f} within an episode), "
             f"moves {motion['rate']:.2f} rad/s"
         )
     return lines
@@ -91,7 +93,8 @@ def plot(result: dict[str, Any], path: Path) -> None:
         rates = [v["rows"][i]["success_rate"] for v in sweep]
         label = f"scenario {cell['scenario']}, {cell['difficulty']}"
         style = "-" if cell["scenario"] == 1 else "--"
-        axes.plot(tilts, rates, style, linewidth=0.8, alpha=0.7, label=label)
+        color = f"C{DIFFICULTIES.index(cell['difficulty'])}"
+        axes.plot(tilts, rates, style, color=color, linewidth=0.8, alpha=0.7, label=label)
     axes.errorbar(
         tilts,
         [v["mean_success"] for v in sweep],
@@ -104,9 +107,8 @@ def plot(result: dict[str, Any], path: Path) -> None:
     for variant in sweep:
         if "(" in variant["name"]:
             text = variant["name"].partition("(")[2].rstrip(")")
-            axes.annotate(
-                text, (variant["camera_pose"][1], 0.0), rotation=90, fontsize=7, ha="center", va="bottom"
-            )
+            where = (variant["camera_pose"][1], 0.02)
+            axes.annotate(text, where, rotation=90, fontsize=7, ha="center", va="bottom")
     own, frozen = variants[0], variants[1]
     motion = own["camera"]["tilt"]
     axes.errorbar(

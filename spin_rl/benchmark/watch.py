@@ -97,7 +97,7 @@ class WatchedPolicy:
         return self._policy(obs)
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Clear the policy's state and close the episodes that ended; without a mask, start to record new ones."""
+        """Clear the policy's state and close the episodes that ended; without a mask, begin new ones."""
         self._policy.reset(dones)
         if dones is None:
             self._begin()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import hydra
 import torch
 import warp as wp
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -62,6 +62,8 @@ def _fail(name: str, error: Exception) -> None:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     # Hydra's advice on its own internals helps no one here.
     reason = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
+    if isinstance(error, OverrideParseException):  # its message shows a part only
+        reason = f"{error.override}: {reason}"
     print(f"spin-{name}: error: {reason}", file=sys.stderr)
     sys.exit(2)
 

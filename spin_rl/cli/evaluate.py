@@ -49,9 +49,6 @@ def evaluate(cfg: DictConfig) -> None:
     if values["analysis"] == "camera":
         result = _analyse_camera(values, make_policy, task, overridden)
         table, headline = camera_report.table(result), camera_report.headline(result)
-        if values["plot"] is not None:
-            camera_report.plot(result, Path(values["plot"]))
-            print(f"Wrote {values['plot']}")
     else:
         result = _reach(values, make_policy, task)
         table, headline = report.table(result), report.headline(result)
@@ -61,6 +58,9 @@ def evaluate(cfg: DictConfig) -> None:
     else:
         report.write_json(result, out)
         print(f"Wrote {out}: {headline}")
+    if values["plot"] is not None:
+        camera_report.plot(result, Path(values["plot"]))
+        print(f"Wrote {values['plot']}")
 
 
 def _reach(values: dict[str, Any], make_policy: Any, task: Any) -> dict[str, Any]:

@@ -17,6 +17,10 @@ from spin_rl.cli import common
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint, write_atomically
 from spin_rl.runners.config import check_config
+from spin_rl.runners.dvo import check_teacher
+from spin_rl.runners.interface import Camera
+from spin_rl.runners.policy_file import read_policy
+from spin_rl.runners.warm_start import warm_start
 from spin_rl.tasks.build import env_config, plain
 from spin_rl.tasks.observations import GROUPS
 
@@ -56,6 +60,16 @@ def train(cfg: DictConfig) -> None:
     runner = PPORunner(env, learning, run_dir, device, snapshot=values)
     if checkpoint is not None:
         runner.load(checkpoint)
+    elif values["init"] is not None:
+        message = warm_start(
+            runner.alg,
+            values["init"],
+            Camera.of(env),
+            camera_is_frozen=task.camera_pose is not None,
+            critic=_rewards_alike(values),
+        )
+        if common.is_main_process():
+            print(message, flush=True)
     summary = runner.train(values["max_iterations"], values["max_minutes"])
     if not common.is_main_process():
         return
@@ -83,7 +97,44 @@ def _check(values: dict[str, Any]) -> None:
     for key in ("run_dir", "resume"):
         if not isinstance(values[key], str) and not (key == "resume" and values[key] is None):
             raise ConfigError(f"{key}: expected a path, got {values[key]!r}")
+    _check_sources(values)
     check_config(values["runner"], dict.fromkeys(GROUPS), values["num_envs"])
+
+
+def _check_sources(values: dict[str, Any]) -> None:
+    """Reject policies to start or learn from that do not exist, or cannot teach."""
+    for key in ("teacher", "init"):
+        value = values[key]
+        if value is None:
+            continue
+        if not isinstance(value, str):
+            raise ConfigError(f"{key}: expected the name or path of a policy, got {value!r}")
+        try:
+            read_policy(value)
+        except (FileNotFoundError, ValueError) as error:
+            raise ConfigError(f"{key}: {error}") from None
+    has_teacher = "teacher" in values["runner"]["algorithm"]
+    if has_teacher and values["teacher"] is None:
+        raise ConfigError(
+            f"teacher: algo={values['algo']['name']} learns from a policy of algo=dvo1a; "
+            "teacher=<name, run, checkpoint or file>"
+        )
+    if not has_teacher and values["teacher"] is not None:
+        raise ConfigError(
+            f"teacher: algo={values['algo']['name']} has none; to start from a policy's weights use init="
+        )
+    if has_teacher:
+        check_teacher(values["teacher"])
+
+
+def _rewards_alike(values: dict[str, Any]) -> bool:
+    """Whether the policy to start from was trained on the same reward, so that its critic knows its worth."""
+    trained = read_policy(values["init"])[1]["config"]
+    return (trained or {}).get("reward") == values["reward"] and _task_reward(values) == _task_reward(trained)
+
+
+def _task_reward(values: dict[str, Any]) -> float:
+    return values["runner"]["algorithm"].get("task_reward", 1.0)
 
 
 def _run_dir(values: dict[str, Any], checkpoint: Path | None) -> Path:

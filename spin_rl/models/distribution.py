@@ -11,8 +11,8 @@ from rsl_rl.modules import GaussianDistribution
 class PerActionGaussian(GaussianDistribution):
     """Gaussian whose initial standard deviation differs between actions.
 
-    One value for all is too much for the arm and too little for the base: an arm that swings at random ends most
-    episodes at a wall before the base has moved.
+    One value for all is too much for the arm and too little for the base: an arm that swings at random ends
+    most episodes at a wall before the base has moved.
     """
 
     def __init__(

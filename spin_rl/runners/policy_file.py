@@ -68,7 +68,9 @@ def load_policy(name_or_path: str | Path, obs: TensorDict | None = None, device:
         for group, dim in dims.items():
             found = obs[group].shape[-1] if group in obs else None
             # A PointNet takes any number of scandots, as in scenes with more obstacles.
-            any_number = group.startswith("scandots") and metadata["actor"].get("encoder", "pointnet") == "pointnet"
+            any_number = (
+                group.startswith("scandots") and metadata["actor"].get("encoder", "pointnet") == "pointnet"
+            )
             if found is None or (found != dim and not any_number):
                 raise ValueError(
                     f"{name_or_path} reads '{group}' of size {dim}; the environment's has size {found}."

@@ -157,6 +157,8 @@ class PPORunner(OnPolicyRunner):
             ValueError: It is damaged, or of another architecture; one line that names what differs.
         """
         path, state = find_checkpoint(path)
+        if len(state["processes"][0]["memory"]) != len(self.alg.models):
+            raise ValueError(f"{path} is of another algorithm; to start from its weights use init={path}.")
         load_module_state(self.alg.actor, state["actor"], "actor", str(path))
         load_module_state(self.alg.critic, state["critic"], "critic", str(path))
         self.alg.optimizer.load_state_dict(state["optimizer"])

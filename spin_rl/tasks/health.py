@@ -75,6 +75,7 @@ class HealthMonitor:
             RuntimeError: There were some and `sim.overflow` is "raise"; the message names the key to
                 increase.
         """
+        # A copy before it is cleared: on the CPU, numpy() is a view.
         counts = dict(zip(OVERFLOWS, self._overflow_count.numpy().tolist(), strict=True))
         self._overflow_count.zero_()
         config = self._sim.config

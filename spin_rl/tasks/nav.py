@@ -19,11 +19,14 @@ from spin_rl.sim import SimConfig, Simulation
 from spin_rl.sim.graph import StepGraph
 from spin_rl.tasks import episode, rewards
 from spin_rl.tasks.health import HealthMonitor
-from spin_rl.tasks.observations import NavObservations, NoiseConfig
+from spin_rl.tasks.observations import (
+    CAMERA_ACTIONS,
+    CAMERA_JOINTS,
+    NavObservations,
+    NoiseConfig,
+    camera_columns,
+)
 from spin_rl.tasks.statistics import EpisodeStatistics
-
-
-_CAMERA_JOINTS = ("head_pan", "head_tilt")
 
 
 @dataclass(frozen=True)
@@ -102,8 +105,8 @@ class NavConfig:
     Attributes:
         robot_profile: Key of `robot.SPEED_PROFILES`.
         camera_mount: "portrait" (as built) or "landscape" (the paper's text).
-        camera_pose: Head pan and tilt [rad] at which the camera is frozen, whatever the policy asks for (paper,
-            FixCam); None leaves the camera to the policy.
+        camera_pose: Head pan and tilt [rad] at which the camera is frozen, whatever the policy asks for
+            (paper, FixCam); None leaves the camera to the policy.
         episode_s: Time limit of an episode [s].
         goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
@@ -142,7 +145,7 @@ class NavConfig:
             raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
         if self.camera_mount not in ("portrait", "landscape"):
             raise ValueError(f"task.camera_mount must be portrait or landscape, got {self.camera_mount!r}")
-        for joint, value in zip(_CAMERA_JOINTS, self.camera_pose or (), strict=False):
+        for joint, value in zip(CAMERA_JOINTS, self.camera_pose or (), strict=False):
             index = robot.JOINTS.index(joint)
             if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:
                 raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
@@ -165,6 +168,9 @@ class NavEnv(VecEnv):
     returned by `step` are those of the new episode where one ended; `last_transition` and `outcome` describe
     the step itself. The observation groups are documented in `observations.py`.
     """
+
+    camera_actions = CAMERA_ACTIONS
+    camera_columns = camera_columns()
 
     def __init__(
         self,
@@ -200,7 +206,7 @@ class NavEnv(VecEnv):
             pan, tilt = cfg.camera_pose
             self._layout_params = replace(cfg.scene, start_head_pan=(pan, pan), start_head_tilt=(tilt, tilt))
             self._camera_action = torch.tensor(
-                [robot.action_of(*pose) for pose in zip(_CAMERA_JOINTS, cfg.camera_pose, strict=True)],
+                [robot.action_of(*pose) for pose in zip(CAMERA_JOINTS, cfg.camera_pose, strict=True)],
                 device=device,
             )
         pool = PoolSpec() if scene is None else scene.pool
@@ -386,7 +392,7 @@ class NavEnv(VecEnv):
         self._goal_before.copy_(self.sim.views.goal)
         action_view.copy_(actions.clamp(-1.0, 1.0))
         if self._camera_action is not None:
-            action_view[:, -len(_CAMERA_JOINTS) :] = self._camera_action
+            action_view[:, -len(CAMERA_JOINTS) :] = self._camera_action
         # A world with a non-finite action is reset; its reward shall be finite.
         action = action_view.nan_to_num(0.0)
         self._graph.replay()

@@ -31,6 +31,18 @@ PROPRIO: dict[str, int] = {
     "end_effector": 3,  # grasp centre in the base frame [m]
     "last_action": len(robot.ACTIONS),
 }
+CAMERA_JOINTS = ("head_pan", "head_tilt")
+CAMERA_ACTIONS = tuple(robot.ACTIONS.index(joint) for joint in CAMERA_JOINTS)
+
+
+def camera_columns() -> dict[str, tuple[int, ...]]:
+    """Return the columns of each group that tell where the camera is, how it moves and what moved it last."""
+    columns, offset = [], 0
+    for block, width in PROPRIO.items():
+        names = {"joint_position": robot.JOINTS, "joint_velocity": robot.JOINTS, "last_action": robot.ACTIONS}
+        columns += [offset + names[block].index(joint) for joint in CAMERA_JOINTS if block in names]
+        offset += width
+    return {"proprio": tuple(columns)}
 
 
 @dataclass(frozen=True)
@@ -152,7 +164,7 @@ class NavObservations:
         return {"noise_rng": self._rng.get_state()}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore the noise generator; one saved on another kind of device has no meaning here and is left."""
+        """Restore the noise generator; one saved on another kind of device has no meaning here."""
         saved = state["noise_rng"].cpu()
         if saved.shape == self._rng.get_state().shape:
             self._rng.set_state(saved)

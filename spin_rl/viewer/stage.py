@@ -36,7 +36,7 @@ class DepthCamera:
     tan_half_fov: tuple[float, float]
 
     def frustum(self, length: float) -> np.ndarray:
-        """Apex and the four corners at a depth [m], world, shape (5, 3), corners in order around the image."""
+        """Apex and the four corners at a depth [m], in order around the image, world, shape (5, 3)."""
         tan_x, tan_y = self.tan_half_fov
         corners = [(sx * tan_x, sy * tan_y, 1.0) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         local = np.array([(0.0, 0.0, 0.0), *corners]) * length

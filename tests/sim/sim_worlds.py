@@ -25,9 +25,7 @@ def scene_with(box=None, half_size=0.1, start=(0.0, 0.0, 0.0), joints=STOWED) ->
 
 def simulate(scenes, device, config=None, profile="paper") -> Simulation:
     """A simulation of one world per scene, at their starts."""
-    sim = Simulation(
-        len(scenes), POOL, robot.SPEED_PROFILES[profile], config or SimConfig(), device
-    )
+    sim = Simulation(len(scenes), POOL, robot.SPEED_PROFILES[profile], config or SimConfig(), device)
     for world, scene in enumerate(scenes):
         sim.layout.load(scene, world)
     restart(sim)

@@ -77,7 +77,9 @@ def test_start_action_holds_the_start_pose(nav_env):
 
 def test_graph_equals_eager_and_seeds_matter(make_nav_env):
     # One second per episode: all worlds are reset several times, at the curriculum's and the noise's mercy.
-    cfg = NavConfig(episode_s=1.0, noise=NOISE, reward={"progress": 1.0, "collision": -1.0, "action_rate": -0.1})
+    cfg = NavConfig(
+        episode_s=1.0, noise=NOISE, reward={"progress": 1.0, "collision": -1.0, "action_rate": -0.1}
+    )
     sequence = actions(30, 4)
     captured = make_nav_env(cfg, 4, seed=5)
     first = run(captured, sequence)

@@ -133,13 +133,13 @@ def test_turning_the_head_changes_what_is_seen_and_nothing_else(nav_env):
     after = nav_env.get_observations()
     flags = tokens(before["scandots"])[1], tokens(after["scandots"])[1]
     assert (flags[0] != flags[1]).any(axis=(1, 2)).sum() >= 6
-    np.testing.assert_allclose(
-        tokens(before["scandots_all"])[0], tokens(after["scandots_all"])[0], atol=2e-3
-    )
+    np.testing.assert_allclose(tokens(before["scandots_all"])[0], tokens(after["scandots_all"])[0], atol=2e-3)
 
 
 def test_noise_moves_what_it_should(make_nav_env):
-    noise = NoiseConfig(joint_position=0.01, joint_velocity=0.02, base_velocity=0.03, goal_m=0.04, scandots_m=0.05)
+    noise = NoiseConfig(
+        joint_position=0.01, joint_velocity=0.02, base_velocity=0.03, goal_m=0.04, scandots_m=0.05
+    )
     num_envs = 64
     noisy, clean = make_nav_env(NavConfig(noise=noise), num_envs), make_nav_env(num_envs=num_envs)
     difference = {name: [] for name in GROUPS}

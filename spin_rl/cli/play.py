@@ -1,0 +1,241 @@
+"""spin-play: watch a policy, as a video, in the browser, in a window, or as plots."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
+from spin_rl.cli import common
+from spin_rl.cli.evaluate import _load_scene, _scene_file
+from spin_rl.config import ConfigError
+from spin_rl.paths import POLICY_DIR
+from spin_rl.tasks.build import env_config, plain
+
+VIEWERS = ("viser", "native", "none")
+
+
+def main() -> None:
+    """Entry point of the `spin-play` command."""
+    sys.argv[1:] = [_scene_file(argument) for argument in sys.argv[1:]]
+    common.run("play", play)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to show, checked.
+
+    Attributes:
+        policy: Name or path.
+        scenario: 1 or 2.
+        difficulty: Index into `DIFFICULTIES`.
+        episodes: Episodes of a video or of plots.
+        seed: Of corridors, start poses and goals.
+        viewer: One of `VIEWERS`.
+        video: File to write, or None.
+        samples: Rays per pixel of a video along each axis.
+        plots: Folder to write to, or None.
+        worlds: Worlds in the browser.
+        host: Address that the browser view listens on.
+        port: Port of the browser view.
+        device: "cpu" or "cuda:N".
+        scene_file: A fixed scene, or None.
+    """
+
+    policy: str
+    scenario: int
+    difficulty: int
+    episodes: int
+    seed: int
+    viewer: str
+    video: Path | None
+    samples: int
+    plots: Path | None
+    worlds: int
+    host: str
+    port: int
+    device: str
+    scene_file: str | None
+
+
+def play(cfg: DictConfig) -> None:
+    """Show the policy that `cfg` names; write the video and the plots before any live view."""
+    values = plain(cfg)
+    options = check(values)
+    players = Players(cfg, options, HydraConfig.get().overrides.task)
+    if options.device == "cpu":
+        torch.set_num_threads(1)
+    if options.video or options.plots or options.viewer == "none":
+        _record(players, options)
+    if options.viewer == "native":
+        from spin_rl.viewer import native
+
+        native.show(players.open(options.policy, worlds=1))
+    elif options.viewer == "viser":
+        from spin_rl.viewer.browser import Browser
+
+        names = [file.stem for file in sorted(POLICY_DIR.glob("*.safetensors"))]
+        with Browser(options.host, options.port) as browser:
+            browser.run(
+                lambda name: players.open(name, options.worlds),
+                policies=list(dict.fromkeys([options.policy, *names, "zero", "random"])),
+                scenario=options.scenario,
+                difficulty=options.difficulty,
+            )
+
+
+def _record(players: Players, options: Options) -> None:
+    """Play the episodes once, for the video and the plots alike."""
+    from spin_rl.viewer import plots
+    from spin_rl.viewer.video import open_video, record
+    from spin_rl.viewer.video import play as play_episodes
+
+    player = players.open(options.policy, worlds=1)
+    if options.video is None:
+        episodes = [list(episode) for episode in play_episodes(player, options.episodes)]
+    else:
+        from spin_rl.viewer.picture import PictureMaker
+        from spin_rl.viewer.stage import Stage
+
+        env = player.env
+        stage = Stage(env.sim.layout.pool, env.cfg.camera_mount)
+        period = env.cfg.sim.control_period
+        maker = PictureMaker(stage, Path(options.policy).stem, period, options.samples)
+        with common.announced(f"Preparing pictures for {options.video}"):
+            maker.draw(player.snapshots[0])
+        with open_video(options.video, fps=1.0 / period) as append:
+            episodes = record(player, options.episodes, maker.draw, append)
+    for i, episode in enumerate(episodes):
+        last = episode[-1]
+        print(f"  episode {i + 1}: {last.outcome} after {last.time:.1f} s, {last.goal_distance:.2f} m to go")
+    reached = sum(episode[-1].outcome == "success" for episode in episodes)
+    summary = f"{reached} of {len(episodes)} episodes reached the goal"
+    if options.video is not None:
+        print(f"Wrote {options.video}: {summary}")
+    if options.plots is not None:
+        files = plots.write_plots(options.plots, episodes, Path(options.policy).stem)
+        print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {summary}")
+    if options.video is None and options.plots is None:
+        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {summary}")
+
+
+class Players:
+    """Opens policies, each in an environment as it was trained for."""
+
+    def __init__(self, cfg: DictConfig, options: Options, overrides: list[str]) -> None:
+        """Remember the configuration.
+
+        Args:
+            cfg: Composed conf/play.yaml.
+            options: The same, checked.
+            overrides: Overrides of the command line, which win over a policy's own settings.
+        """
+        self._cfg = cfg
+        self._options = options
+        self._overrides = overrides
+        self._envs: dict[str, Any] = {}
+
+    def open(self, policy: str, worlds: int) -> Any:
+        """Return a `Player` at the start of the first episodes of the seed.
+
+        Raises:
+            ConfigError: There is no such policy, or the scene does not fit it.
+        """
+        from spin_rl.benchmark import policies, settings
+        from spin_rl.benchmark.reach import in_usual_pool
+        from spin_rl.tasks.nav import NavEnv
+        from spin_rl.viewer.rollout import Player
+
+        options = self._options
+        make_policy, trained = policies.open_policy(policy)
+        task = env_config(settings.for_policy(self._cfg, trained, self._overrides))
+        key = f"{worlds} {task}"
+        if key not in self._envs:
+            scene = _load_scene(options.scene_file)
+            self._envs.clear()  # one environment at a time is enough
+            with common.announced(f"Starting {worlds} world{'s' if worlds > 1 else ''} on {options.device}"):
+                self._envs[key] = NavEnv(
+                    task, worlds, options.device, options.seed, scene=in_usual_pool(scene) if scene else None
+                )
+        env = self._envs[key]
+        player = Player(env, make_policy(env.get_observations(), options.device))
+        player.start(options.scenario, options.difficulty, seed=options.seed)
+        return player
+
+
+def check(values: dict[str, Any]) -> Options:
+    """Reject what needs no simulator to reject.
+
+    Raises:
+        ConfigError: One line that names the key.
+    """
+    if not isinstance(values["policy"], str):
+        raise ConfigError("policy: give a name, checkpoint, run directory, .safetensors file, zero or random")
+    if values["scenario"] not in SCENARIOS:
+        raise ConfigError(f"scenario: expected 1 or 2, got {values['scenario']!r}")
+    if values["difficulty"] not in DIFFICULTIES:
+        choices = ", ".join(DIFFICULTIES)
+        raise ConfigError(f"difficulty: unknown {values['difficulty']!r}; choose from {choices}")
+    for key, low, high in (
+        ("episodes", 1, 1000),
+        ("seed", 0, 2**31 - 1),
+        ("samples", 1, 4),
+        ("worlds", 1, 16),
+        ("port", 1, 65535),
+    ):
+        if type(values[key]) is not int or not low <= values[key] <= high:
+            raise ConfigError(f"{key}: expected a whole number from {low} to {high}, got {values[key]!r}")
+    for key in ("video", "plots", "scene_file", "viewer"):
+        if values[key] is not None and not isinstance(values[key], str):
+            raise ConfigError(f"{key}: expected a name, got {values[key]!r}")
+    video = None if values["video"] is None else Path(values["video"])
+    plots = None if values["plots"] is None else Path(values["plots"])
+    viewer = values["viewer"] or ("none" if video or plots else "viser")
+    if viewer not in VIEWERS:
+        raise ConfigError(f"viewer: unknown {viewer!r}; choose from {', '.join(VIEWERS)}")
+    options = Options(
+        **{key: values[key] for key in ("policy", "scenario", "episodes", "seed", "samples", "worlds")},
+        **{key: values[key] for key in ("port", "scene_file")},
+        difficulty=DIFFICULTIES.index(values["difficulty"]),
+        viewer=viewer,
+        video=video,
+        plots=plots,
+        host=str(values["host"]),
+        device=common.resolve_device(values["device"]),
+    )
+    _check_views(options)
+    return options
+
+
+def _check_views(options: Options) -> None:
+    """Find out about missing packages, displays and folders before anything is compiled."""
+    if options.video is not None:
+        from spin_rl.viewer.extras import require
+        from spin_rl.viewer.video import check_video
+
+        require("PIL", "pillow", "viewer", "video")
+        check_video(options.video)
+    if options.plots is not None:
+        from spin_rl.viewer.plots import check_plots
+
+        if options.plots.exists() and not options.plots.is_dir():
+            raise ConfigError(f"plots: {options.plots} is no folder")
+        check_plots()
+    if options.viewer == "native":
+        from spin_rl.viewer.native import check_native
+
+        check_native()
+    if options.viewer == "viser":
+        from spin_rl.viewer.extras import require
+
+        require("viser", "viser", "viewer", "viewer")
+
+
+if __name__ == "__main__":
+    main()

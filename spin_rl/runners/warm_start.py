@@ -1,0 +1,282 @@
+"""Start a training from another policy's weights, also where its inputs or its architecture differ."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from spin_rl.models import ScandotModel
+from spin_rl.runners.algorithm import PPO
+from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
+from spin_rl.runners.interface import Camera
+from spin_rl.runners.policy_file import build_model, find_policy, load_policy, read_policy
+
+Columns = tuple[list[int], list[int]]
+"""Columns of the target and, in the same order, those of the source that they are copied from."""
+
+
+def warm_start(
+    algorithm: PPO, source: str | Path, camera: Camera, camera_is_frozen: bool = False, critic: bool = True
+) -> str:
+    """Copy what fits of another policy into new models; what is new starts without effect.
+
+    The actor then acts as the source does wherever both see the same, except that a camera which the
+    source never moved starts at action zero, and its pose without effect. Inputs are matched by group:
+    `scandots_all` of the source becomes `scandots` where the new actor reads only these, and the other way
+    round. Camera actions keep their configured standard deviation, the others take the source's.
+
+    Args:
+        algorithm: Algorithm with new models.
+        source: Name of a shipped policy, a policy file, a checkpoint or a run's folder.
+        camera: The environment's camera.
+        camera_is_frozen: Whether the new actor's camera does not move either.
+        critic: Also copy the critic, where the source is a checkpoint whose critic fits.
+
+    Returns:
+        One line: what was copied and what is new.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+        ValueError: The actor cannot be mapped; one line that names what differs.
+    """
+    metadata = read_policy(source)[1]
+    drops_camera = camera_was_frozen(metadata) and not camera_is_frozen
+    try:
+        notes = copy_model(
+            algorithm.actor, load_policy(source), camera if drops_camera else Camera(), camera.actions
+        )
+    except ValueError as error:
+        raise ValueError(f"init: {source} cannot start the actor: {error}") from None
+    line = f"Initialized from {source} (iteration {metadata['iteration']}); actor: {notes}"
+    if not critic:
+        return f"{line}; critic: new, its reward is another"
+    try:
+        model = _load_critic(source)
+        notes = copy_model(algorithm.critic, model, camera if drops_camera else Camera())
+    except ValueError as error:
+        notes = f"new, {error}"
+    return f"{line}; critic: {notes}"
+
+
+def camera_was_frozen(metadata: Mapping[str, Any]) -> bool:
+    """Tell from a policy's metadata whether its camera was held at a pose in training."""
+    task = (metadata["config"] or {}).get("task")
+    return isinstance(task, Mapping) and task.get("camera_pose") is not None
+
+
+@torch.no_grad()
+def copy_model(
+    target: ScandotModel, source: ScandotModel, unlearned: Camera, new_std: tuple[int, ...] = ()
+) -> str:
+    """Copy one model into another; inputs that the source has not become columns of zeros.
+
+    Args:
+        target: New model, changed in place.
+        source: Trained model.
+        unlearned: Camera that the source never moved: its columns and actions are not copied.
+        new_std: Actions that keep the target's standard deviation.
+
+    Returns:
+        What was copied and what is new.
+
+    Raises:
+        ValueError: What of the source has no place in the target.
+    """
+    scandots = _match_scandots(target, source)
+    _check(target, source)
+    dropped = unlearned.columns_of(source)
+    inputs, notes = _match_inputs(target, source, scandots, set(dropped))
+    flat = _restrict(inputs, target.obs_dim)
+
+    if target.obs_normalization:
+        _copy_normalizer(target.obs_normalizer, source.obs_normalizer, flat)
+    elif dropped:
+        raise ValueError("it does not normalize, so the effect of its camera's pose cannot be taken out")
+    for own, other in scandots.items():
+        target.encoders[own].load_state_dict(source.encoders[other].state_dict())
+
+    if source.is_recurrent:
+        weights = dict(source.lstm.named_parameters())  # type: ignore
+        for name, parameter in target.lstm.named_parameters():  # type: ignore
+            if "weight_ih" in name:
+                _copy_columns(parameter, weights[name], inputs)
+            else:
+                parameter.copy_(weights[name])
+        notes.append("memory")
+    elif target.is_recurrent:
+        notes.append("new memory")
+
+    layers = zip(_linear(target.mlp), _linear(source.mlp), strict=True)
+    for index, (layer, other) in enumerate(layers):
+        layer.bias.copy_(other.bias)
+        if index == 0:
+            _copy_columns(layer.weight, other.weight, _head_columns(target, source, inputs))
+        else:
+            layer.weight.copy_(other.weight)
+    last = _linear(target.mlp)[-1]
+    for action in unlearned.actions if target.distribution is not None else ():
+        last.weight[action] = 0.0
+        last.bias[action] = 0.0
+        notes.append(f"new action {action}")
+    if target.distribution is not None and not _copy_std(target.distribution, source.distribution, new_std):
+        notes.append("new standard deviations")
+    return ", ".join(notes)
+
+
+def _match_scandots(target: ScandotModel, source: ScandotModel) -> dict[str, str]:
+    """Pair the scandot groups of the target with those of the source."""
+    own, other = set(target.encoders), set(source.encoders)
+    pairs = {name: name for name in own & other}
+    left = sorted(other - own)
+    free = sorted(own - other)
+    if left and not len(left) == len(free) == 1:
+        raise ValueError(f"it reads {left[0]}, which has no counterpart among {_names(own)}")
+    return pairs | dict(zip(free, left, strict=False))
+
+
+def _match_inputs(
+    target: ScandotModel, source: ScandotModel, scandots: dict[str, str], dropped: set[int]
+) -> tuple[Columns, list[str]]:
+    """Pair the columns of what `encode` returns, and describe them."""
+    own, other = _blocks(target), _blocks(source)
+    columns: Columns = ([], [])
+    notes = []
+    for name, (start, size) in own.items():
+        origin = scandots.get(name, name)
+        if origin not in other:
+            notes.append(f"new {name}")
+            continue
+        other_start, other_size = other[origin]
+        if other_size > size:
+            raise ValueError(f"its {origin} has {other_size} columns, the new one's {name} {size}")
+        kept = [i for i in range(other_size) if other_start + i not in dropped]
+        columns[0].extend(start + i for i in kept)
+        columns[1].extend(other_start + i for i in kept)
+        notes.append(name if origin == name else f"{origin} as {name}")
+        if len(kept) < size:
+            notes[-1] += f" ({len(kept)} of {size} columns)"
+    missing = set(other) - {scandots.get(name, name) for name in own}
+    if missing:
+        raise ValueError(f"it reads {_names(missing)}, which the new one does not")
+    return columns, notes
+
+
+def _blocks(model: ScandotModel) -> dict[str, tuple[int, int]]:
+    """Start and size of each group in what `encode` returns."""
+    latents = {name: encoder.latent for name, encoder in model.encoders.items()}
+    blocks, start = {}, 0
+    for name, size in (model.flat_dims | latents).items():
+        blocks[name] = (start, size)  # type: ignore
+        start += size  # type: ignore
+    return blocks
+
+
+def _check(target: ScandotModel, source: ScandotModel) -> None:
+    """Reject architectures of which one cannot act as the other."""
+    if source.is_recurrent and not target.is_recurrent:
+        raise ValueError("its LSTM has no counterpart in a feed-forward model")
+    if _reads_inputs(source) and not _reads_inputs(target):
+        raise ValueError("its MLP reads the observations; give the new one +runner.actor.skip=true")
+    facts = [
+        ("obs_normalization", lambda model: model.obs_normalization),
+        ("layers of the MLP", lambda model: _shape(model.mlp)),
+    ]
+    if source.is_recurrent:
+        facts.append(("rnn_hidden_dim", lambda model: model.rnn_hidden_dim))
+    for name, read in facts:
+        if read(target) != read(source):
+            raise ValueError(f"its {name}: {read(source)}, the new one's: {read(target)}")
+    for own, other in _match_scandots(target, source).items():
+        layers = [
+            [_shape(e.mlp), _linear(e.mlp)[0].in_features]  # type: ignore
+            for e in (target.encoders[own], source.encoders[other])
+        ]
+        if layers[0] != layers[1]:
+            raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
+
+
+def _head_columns(target: ScandotModel, source: ScandotModel, inputs: Columns) -> Columns:
+    """Pair the columns of the MLP's first layer: observations, if it reads them, then the LSTM's output."""
+    own, other = inputs if _reads_inputs(source) else ([], [])
+    if source.is_recurrent:
+        size: int = source.rnn_hidden_dim  # type: ignore
+        starts = [_linear(model.mlp)[0].in_features - size for model in (target, source)]
+        own = [*own, *range(starts[0], starts[0] + size)]
+        other = [*other, *range(starts[1], starts[1] + size)]
+    return own, other
+
+
+def _reads_inputs(model: ScandotModel) -> bool:
+    return not model.is_recurrent or model.skip  # type: ignore
+
+
+def _copy_columns(target: torch.Tensor, source: torch.Tensor, columns: Columns) -> None:
+    target.zero_()
+    target[:, columns[0]] = source[:, columns[1]].to(target.device)
+
+
+def _restrict(columns: Columns, size: int) -> Columns:
+    """Keep the pairs of the target's first columns."""
+    pairs = [pair for pair in zip(*columns, strict=True) if pair[0] < size]
+    return [own for own, _ in pairs], [other for _, other in pairs]
+
+
+def _copy_normalizer(target: nn.Module, source: nn.Module, columns: Columns) -> None:
+    own, other = target.state_dict(), source.state_dict()
+    own["count"].copy_(other["count"])
+    for name in ("_mean", "_var", "_std"):
+        own[name][:, columns[0]] = other[name][:, columns[1]].to(own[name].device)
+
+
+def _copy_std(target: nn.Module, source: nn.Module | None, kept: tuple[int, ...]) -> bool:
+    """Copy standard deviations that are parameters, whether as such or as logarithms; tell if they are."""
+    own = dict(target.named_parameters())
+    other = {} if source is None else dict(source.named_parameters())
+    if "std_param" in other:
+        std = other["std_param"]
+    elif "log_std_param" in other:
+        std = other["log_std_param"].exp()
+    else:
+        return False
+    copied = [action for action in range(len(std)) if action not in kept]
+    if "std_param" in own:
+        own["std_param"][copied] = std[copied].to(own["std_param"])
+    elif "log_std_param" in own:
+        own["log_std_param"][copied] = std[copied].log().to(own["log_std_param"])
+    else:
+        return False
+    return True
+
+
+def _load_critic(source: str | Path) -> ScandotModel:
+    """Build the critic of a checkpoint."""
+    path = find_policy(source)
+    if path.suffix == ".safetensors":
+        raise ValueError("a policy file holds none")
+    path, state = find_checkpoint(path)
+    runner = json.loads(state["config"])["runner"]
+    dims = {group: state["obs_dims"][group] for group in runner["obs_groups"]["critic"]}
+    model = build_model(runner["critic"], "critic", dims, 1)
+    load_module_state(model, state["critic"], "critic", str(path))
+    return model
+
+
+def _linear(mlp: nn.Module) -> list[nn.Linear]:
+    return [layer for layer in mlp if isinstance(layer, nn.Linear)]  # type: ignore
+
+
+def _shape(mlp: nn.Module) -> list[Any]:
+    """Outputs of the linear layers, and the kinds of what is between them."""
+    return [
+        layer.out_features if isinstance(layer, nn.Linear) else type(layer).__name__
+        for layer in mlp  # type: ignore
+    ]
+
+
+def _names(groups: set[str]) -> str:
+    return ", ".join(sorted(groups)) or "none"

@@ -1,0 +1,261 @@
+"""A live view in the browser with viser: worlds in real time, with choosers and episode statistics."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
+from spin_rl.config import ConfigError
+from spin_rl.viewer import style
+from spin_rl.viewer.browser_scene import WorldView
+from spin_rl.viewer.extras import require
+from spin_rl.viewer.picture import depth_picture
+from spin_rl.viewer.rollout import Player, Snapshot
+from spin_rl.viewer.stage import Stage
+
+OpenPlayer = Callable[[str], Player]
+"""Opens a policy by name, at the start of the first episodes."""
+
+_SPACING_M = 6.5
+_DEPTH_ROWS = 174
+_CAMERA_OFFSET = np.array([-2.2, -1.6, 2.4])  # from behind and the right of a start pose
+_SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x")
+
+
+class Browser:
+    """The server and its panel."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Start the server.
+
+        Args:
+            host: Address to listen on.
+            port: Port to listen on.
+
+        Raises:
+            ConfigError: viser is missing, or the port is taken.
+        """
+        viser = require("viser", "viser", "viewer", "viewer")
+        _check_port(host, port)  # viser would take the next free port without a word
+        self.server = viser.ViserServer(host=host, port=port, label="spin-play", verbose=False)
+        self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{port}"
+        self._reset = threading.Event()
+        self._stage: Stage | None = None
+        self._views: list[WorldView] = []
+        self._shown: np.ndarray | None = None
+        server = self.server
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
+        server.scene.set_up_direction("+z")
+        server.scene.add_grid(
+            "/floor",
+            infinite_grid=True,
+            cell_size=0.5,
+            section_size=1.0,
+            plane_color=style.FLOOR,
+            plane_opacity=1.0,
+            cell_color=(198, 202, 206),
+            section_color=(180, 185, 190),
+        )
+
+    def __enter__(self) -> Browser:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Stop the server."""
+        self.server.stop()
+
+    def build(
+        self, player: Player, policies: Sequence[str], scenario: int, difficulty: int, policy: str
+    ) -> None:
+        """Add the panel, and the worlds of the first player.
+
+        Args:
+            player: The first player.
+            policies: Names to choose from.
+            scenario: Chosen at first.
+            difficulty: Index into `DIFFICULTIES`, chosen at first.
+            policy: Chosen at first.
+        """
+        gui = self.server.gui
+        self._status = gui.add_markdown("")
+        self._pause = gui.add_checkbox("pause", False)
+        gui.add_button("reset", hint="Start new episodes").on_click(lambda _: self._reset.set())
+        self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1x")
+        self._policy = gui.add_dropdown("policy", list(policies), initial_value=policy)
+        self._scenario = gui.add_dropdown(
+            "scenario",
+            [str(s) for s in SCENARIOS],
+            initial_value=str(scenario),
+            hint="1 straight, 2 L-shaped",
+        )
+        self._difficulty = gui.add_dropdown(
+            "difficulty", DIFFICULTIES, initial_value=DIFFICULTIES[difficulty]
+        )
+        self._follow = gui.add_checkbox("follow the robot", True)
+        worlds = [str(i + 1) for i in range(player.env.num_envs)]
+        self._world = gui.add_dropdown("world", worlds, initial_value="1", visible=len(worlds) > 1)
+        self._depth = gui.add_image(np.zeros((8, 8, 3), np.uint8), label="depth camera, near is bright")
+        self._statistics = gui.add_markdown("")
+        self._add_worlds(player)
+        self.show(player.snapshots, player)
+        self.server.on_client_connect(self._welcome)
+
+    def run(
+        self,
+        open_player: OpenPlayer,
+        policies: Sequence[str],
+        scenario: int,
+        difficulty: int,
+        *,
+        max_seconds: float | None = None,
+    ) -> None:
+        """Play until Ctrl-C.
+
+        Args:
+            open_player: Opens one of `policies`.
+            policies: Names to choose from; the first one plays first.
+            scenario: Chosen at first.
+            difficulty: Index into `DIFFICULTIES`, chosen at first.
+            max_seconds: Stop by itself after this time.
+        """
+        player = open_player(policies[0])
+        self.build(player, policies, scenario, difficulty, policies[0])
+        print(f"Open {self.url} in a browser; Ctrl-C stops", flush=True)
+        chosen = self._choice()
+        end = None if max_seconds is None else time.monotonic() + max_seconds
+        with contextlib.suppress(KeyboardInterrupt):
+            while end is None or time.monotonic() < end:
+                begin = time.monotonic()
+                if self._choice() != chosen:
+                    player = self._change(player, open_player, chosen)
+                    chosen = self._choice()
+                elif self._reset.is_set():
+                    self._reset.clear()
+                    self.show(player.start(*self._cell()), player)
+                elif self._pause.value:
+                    time.sleep(0.05)
+                    continue
+                else:
+                    self.show(player.step(), player)
+                period = player.env.cfg.sim.control_period / float(self._speed.value.rstrip("x"))
+                time.sleep(max(0.0, begin + period - time.monotonic()))
+
+    def _choice(self) -> tuple[str, str, str]:
+        return self._policy.value, self._scenario.value, self._difficulty.value
+
+    def _cell(self) -> tuple[int, int]:
+        return int(self._scenario.value), DIFFICULTIES.index(self._difficulty.value)
+
+    def _change(self, player: Player, open_player: OpenPlayer, before: tuple[str, str, str]) -> Player:
+        """Start what was chosen; a policy that cannot be opened leaves the old one playing."""
+        if self._policy.value != before[0]:
+            self._status.content = f"Opening {self._policy.value}"
+            try:
+                opened = open_player(self._policy.value)
+            except ValueError as error:
+                self._policy.value = before[0]
+                self.server.gui.add_modal(f"Cannot open it: {error}")
+            else:
+                if opened.env is not player.env:
+                    self._add_worlds(opened)
+                player = opened
+        self.show(player.start(*self._cell()), player)
+        return player
+
+    def _add_worlds(self, player: Player) -> None:
+        """Show the worlds of a player side by side, in place of those shown before."""
+        env = player.env
+        self._stage = Stage(env.sim.layout.pool, env.cfg.camera_mount)
+        self._views = [
+            WorldView(self.server, self._stage, f"/world_{world}", _offset(world))
+            for world in range(env.num_envs)
+        ]
+
+    def show(self, snapshots: Sequence[Snapshot], player: Player) -> None:
+        """Update all worlds and the panel.
+
+        Args:
+            snapshots: One per world.
+            player: Whose they are.
+        """
+        assert self._stage is not None
+        world = int(self._world.value) - 1
+        with self.server.atomic():
+            # The chosen world comes last: the stage then has its pose for the depth image.
+            order = [i for i in range(len(snapshots)) if i != world] + [world]
+            for i in order:
+                self._views[i].update(snapshots[i])
+        self._depth.image = np.asarray(depth_picture(self._stage.depth_image(_DEPTH_ROWS)))
+        self._status.content = status_text(snapshots[world])
+        self._statistics.content = statistics_text(player.ended)
+        self._move_cameras(snapshots[world], world)
+
+    def _welcome(self, client: Any) -> None:
+        """Point a new viewer's camera at where the robot is by now."""
+        if self._shown is not None:
+            target = np.array([*self._shown, 0.5])
+            client.camera.position = target + _CAMERA_OFFSET
+            client.camera.look_at = target
+
+    def _move_cameras(self, snapshot: Snapshot, world: int) -> None:
+        """Carry every viewer's camera along by as much as the robot has moved."""
+        place = snapshot.qpos[:2] + _offset(world)
+        before, self._shown = self._shown, place
+        if before is None or not self._follow.value:
+            return
+        shift = np.array([*(place - before), 0.0])
+        if not shift.any():
+            return
+        for client in self.server.get_clients().values():
+            with contextlib.suppress(ValueError, AssertionError):  # not yet connected: it has no camera
+                client.camera.position = client.camera.position + shift
+
+
+def status_text(snapshot: Snapshot) -> str:
+    """Markdown about the present step of one world."""
+    seen = int(snapshot.scandots.seen.sum())
+    pan, tilt = (np.degrees(snapshot.joint(name)) for name in ("head_pan", "head_tilt"))
+    return (
+        f"**{snapshot.time:.1f} s, {snapshot.outcome.replace('_', '-')}**, "
+        f"goal in {snapshot.goal_distance:.2f} m"
+        f"\n\ncamera pan {pan:.0f}°, tilt {tilt:.0f}°, lift {snapshot.joint('lift'):.2f} m, "
+        f"{seen} corners seen"
+    )
+
+
+def statistics_text(ended: Sequence[Snapshot]) -> str:
+    """Markdown about the episodes that have ended."""
+    if not ended:
+        return "No episode has ended yet."
+    outcomes = [snapshot.outcome for snapshot in ended]
+    rows = [
+        f"| {name.replace('_', '-')} | {outcomes.count(name)} | {outcomes.count(name) / len(outcomes):.0%} |"
+        for name in style.OUTCOME
+        if outcomes.count(name)
+    ]
+    times = [snapshot.time for snapshot in ended if snapshot.outcome == "success"]
+    mean = f"\n\nMean time of the successes: {np.mean(times):.1f} s" if times else ""
+    table = "\n".join([f"| {len(ended)} episodes | | |", "|---|---|---|", *rows])
+    return f"{table}{mean}\n\nLast: {outcomes[-1].replace('_', '-')}, {ended[-1].time:.1f} s"
+
+
+def _offset(world: int) -> tuple[float, float]:
+    return (0.0, -_SPACING_M * world)
+
+
+def _check_port(host: str, port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise ConfigError(f"port: cannot listen on {host}:{port}: {error.strerror}") from None

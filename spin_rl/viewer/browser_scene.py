@@ -1,0 +1,175 @@
+"""One world in viser's scene tree: the robot from primitives, the scene, and the overlays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from spin_rl.scenes.layout import Scene
+from spin_rl.viewer import style
+from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.stage import VISUAL_GROUP, DepthCamera, Stage
+
+_WALL_OPACITY = 0.28
+_FRUSTUM_LENGTH_M = 1.0
+_SEEN_SIZE_M = 0.035
+_UNSEEN_SIZE_M = 0.018
+
+
+class WorldView:
+    """Draws one world below a node of its own; bodies move, their geoms are sent once."""
+
+    def __init__(
+        self, server: Any, stage: Stage, name: str, offset: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        """Add the robot.
+
+        Args:
+            server: viser's server.
+            stage: Poses the robot; shared by all worlds.
+            name: Name of the node, such as "/world_0".
+            offset: Where the world's origin is shown [m].
+        """
+        self._scene_api = server.scene
+        self._stage = stage
+        self._name = name
+        self._episode_scene: Scene | None = None
+        self._slots: list[Any] = []
+        server.scene.add_frame(name, show_axes=False, position=(*offset, 0.0))
+        self._bodies = self._add_robot()
+        # Two clouds: what is seen is drawn larger.
+        self._dots = {
+            seen: server.scene.add_point_cloud(
+                f"{name}/scandots/{'seen' if seen else 'unseen'}",
+                points=np.zeros((0, 3), dtype=np.float32),
+                colors=style.SEEN if seen else style.UNSEEN,
+                point_size=_SEEN_SIZE_M if seen else _UNSEEN_SIZE_M,
+                point_shape="circle",
+                precision="float32",
+            )
+            for seen in (False, True)
+        }
+        self._frustum = self._add_frustum(stage.depth_camera())
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Show a snapshot; a new scene replaces the old one."""
+        if snapshot.scene is not self._episode_scene:
+            self._episode_scene = snapshot.scene
+            self._add_scene(snapshot.scene)
+        stage = self._stage
+        stage.pose(snapshot)
+        for body, handle in self._bodies.items():
+            handle.position = stage.data.xpos[body]
+            handle.wxyz = stage.data.xquat[body]
+        camera = stage.depth_camera()
+        self._frustum.position = camera.pos
+        self._frustum.wxyz = quaternion(camera.mat)
+        for seen, cloud in self._dots.items():
+            points = snapshot.scandots.points[snapshot.scandots.seen == seen].astype(np.float32)
+            cloud.points = points
+            cloud.colors = np.tile(np.array(style.SEEN if seen else style.UNSEEN, np.uint8), (len(points), 1))
+
+    def _add_robot(self) -> dict[int, Any]:
+        model = self._stage.model
+        bodies = {}
+        for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_bodyid > 0)):
+            body = int(model.geom_bodyid[geom])
+            node = f"{self._name}/robot/{model.body(body).name}"
+            if body not in bodies:
+                bodies[body] = self._scene_api.add_frame(node, show_axes=False)
+            _add_geom(
+                self._scene_api,
+                f"{node}/{model.geom(geom).name}",
+                int(model.geom_type[geom]),
+                model.geom_size[geom],
+                _rgb(model.geom_rgba[geom]),
+                position=model.geom_pos[geom],
+                wxyz=model.geom_quat[geom],
+            )
+        return bodies
+
+    def _add_frustum(self, camera: DepthCamera) -> Any:
+        tan_x, tan_y = camera.tan_half_fov
+        return self._scene_api.add_camera_frustum(
+            f"{self._name}/depth_camera",
+            fov=2.0 * float(np.arctan(tan_y)),
+            aspect=tan_x / tan_y,
+            scale=_FRUSTUM_LENGTH_M,
+            thickness=0.008,
+            color=style.FRUSTUM,
+            cast_shadow=False,
+        )
+
+    def _add_scene(self, scene: Scene) -> None:
+        for handle in self._slots:
+            handle.remove()
+        self._slots = [
+            self._scene_api.add_cylinder(
+                f"{self._name}/goal",
+                radius=0.15,
+                height=0.01,
+                color=style.GOAL,
+                position=(*scene.goal, 0.005),
+                cast_shadow=False,
+            )
+        ]
+        names, colours = scene.pool.geom_names(), style.slot_colours(scene)
+        for slot in np.flatnonzero(scene.active):
+            half, yaw, wall = scene.half_size[slot], 0.5 * scene.yaw[slot], bool(scene.is_wall[slot])
+            cylinder = bool(scene.is_cylinder[slot])
+            self._slots.append(
+                _add_geom(
+                    self._scene_api,
+                    f"{self._name}/scene/{names[slot]}",
+                    mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_BOX,
+                    (half[0], half[2], 0.0) if cylinder else half,
+                    colours[slot],
+                    position=scene.pos[slot],
+                    wxyz=(np.cos(yaw), 0.0, 0.0, np.sin(yaw)),
+                    opacity=_WALL_OPACITY if wall else None,
+                    cast_shadow=not wall,
+                )
+            )
+
+
+def _add_geom(
+    scene_api: Any,
+    name: str,
+    kind: int,
+    size: Sequence[float] | np.ndarray,
+    colour: style.Rgb,
+    **options: Any,
+) -> Any:
+    """Add a MuJoCo geom; capsules are shown as cylinders of their full length.
+
+    Raises:
+        ValueError: The kind is none of box, cylinder, capsule and sphere.
+    """
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return scene_api.add_box(
+            name, color=colour, dimensions=tuple(2.0 * float(s) for s in size), **options
+        )
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        height = 2.0 * float(size[1])
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        height = 2.0 * float(size[1] + size[0])
+    elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return scene_api.add_icosphere(name, radius=float(size[0]), color=colour, **options)
+    else:
+        raise ValueError(f"{name}: geoms of type {kind} cannot be shown")
+    return scene_api.add_cylinder(name, radius=float(size[0]), height=height, color=colour, **options)
+
+
+def _rgb(rgba: np.ndarray) -> style.Rgb:
+    red, green, blue = (round(255 * float(c)) for c in rgba[:3])
+    return red, green, blue
+
+
+def quaternion(mat: np.ndarray) -> np.ndarray:
+    """Quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    result = np.zeros(4)
+    mujoco.mju_mat2Quat(result, np.ascontiguousarray(mat).ravel())
+    return result

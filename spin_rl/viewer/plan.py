@@ -1,0 +1,109 @@
+"""The scene from above, as a plan: walls, obstacles by height, the robot's path, and what it sees."""
+
+from __future__ import annotations
+
+import numpy as np
+from PIL import Image
+
+from spin_rl.scenes.layout import Scene
+from spin_rl.viewer import style
+from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M, Canvas
+from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.stage import Stage
+
+_MARGIN_M = 0.35
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+_ROUND = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), -1)
+_GOAL_RADIUS_M = 0.15
+
+
+class Plan:
+    """Draws the plan of one scene."""
+
+    def __init__(self, scene: Scene, width: int, height: int) -> None:
+        """Choose the scale that shows all of the walls, start and goal.
+
+        Args:
+            scene: The scene.
+            width: Columns of the picture.
+            height: Rows.
+        """
+        self._scene = scene
+        self._size = (width, height)
+        self._slots = [
+            (slot, footprint(scene, slot), colour)
+            for slot, colour in enumerate(style.slot_colours(scene))
+            if scene.active[slot]
+        ]
+        walls = [shape for slot, shape, _ in self._slots if scene.is_wall[slot]]
+        points = np.concatenate([*walls, scene.start[None, :2], scene.goal[None]])
+        low, high = points.min(0) - _MARGIN_M, points.max(0) + _MARGIN_M
+        self._scale = float(min(np.array(self._size) / (high - low)))
+        self._centre = 0.5 * (low + high)
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (column, row) of world positions [m], shape (n, 2 or more) -> (n, 2); y points up."""
+        return (points[:, :2] - self._centre) * (self._scale, -self._scale) + np.array(self._size) / 2
+
+    def draw(self, stage: Stage, snapshot: Snapshot, path: np.ndarray) -> Image.Image:
+        """Draw one time.
+
+        Args:
+            stage: At the snapshot's pose.
+            snapshot: What to draw.
+            path: Positions of the base so far [m], shape (n, 2).
+        """
+        canvas = Canvas(*self._size)
+        scale = self._scale
+        canvas.polygon(self.pixels(self._scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
+        for slot, shape, colour in self._slots:
+            canvas.polygon(self.pixels(shape), colour, alpha=255 if self._scene.is_wall[slot] else 210)
+        frustum = stage.depth_camera().frustum(FRUSTUM_LENGTH_M)
+        canvas.polygon(self.pixels(_hull(frustum[:, :2])), style.FRUSTUM, alpha=110)
+        if len(path) > 1:
+            canvas.line(self.pixels(path), style.ROBOT, width=1.0, alpha=150)
+        self._draw_robot(canvas, stage)
+        dots = snapshot.scandots
+        for point, seen in zip(self.pixels(dots.points), dots.seen, strict=True):
+            if seen:
+                canvas.dot(point, max(1.8, 0.03 * scale), style.SEEN)
+            else:
+                canvas.dot(point, max(1.2, 0.02 * scale), style.UNSEEN)
+        return canvas.on(Image.new("RGB", self._size, (255, 255, 255)))
+
+    def _draw_robot(self, canvas: Canvas, stage: Stage) -> None:
+        geom = stage.data.geom("base")
+        half = stage.model.geom("base").size
+        corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * half
+        canvas.polygon(self.pixels(geom.xpos + corners @ geom.xmat.reshape(3, 3).T), style.ROBOT)
+        arm = [stage.data.body(name).xpos for name in ("lift", "arm_inner", "wrist_yaw")]
+        arm.append(stage.data.site("link_grasp_center").xpos)
+        canvas.line(self.pixels(np.array(arm)), (120, 124, 132), width=max(1.5, 0.05 * self._scale))
+
+
+def footprint(scene: Scene, slot: int) -> np.ndarray:
+    """Corners of a slot seen from above [m], counter-clockwise, shape (n, 2)."""
+    half = scene.half_size[slot, :2]
+    local = (
+        _ROUND * half if scene.is_cylinder[slot] else np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half
+    )
+    cos, sin = np.cos(scene.yaw[slot]), np.sin(scene.yaw[slot])
+    return scene.pos[slot, :2] + local @ np.array([[cos, sin], [-sin, cos]])
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    """Convex hull of a few points (n, 2), counter-clockwise (monotone chain)."""
+    ordered = sorted(map(tuple, points))
+
+    def half_hull(sequence: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        chain: list[tuple[float, float]] = []
+        for p in sequence:
+            while len(chain) > 1:
+                (ax, ay), (bx, by) = chain[-2:]
+                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0:
+                    break
+                chain.pop()
+            chain.append(p)
+        return chain[:-1]
+
+    return np.array(half_hull(ordered) + half_hull(ordered[::-1]))

@@ -1,0 +1,249 @@
+"""A warm start: where both see the same, the new model does what the source does."""
+
+import pytest
+import torch
+from fake_env import FakeEnv, make_config
+from tensordict import TensorDict
+
+from spin_rl.models import ScandotModel, ScandotRecurrentModel
+from spin_rl.runners import PPORunner, save_policy
+from spin_rl.runners.interface import Camera
+from spin_rl.runners.warm_start import copy_model, warm_start
+
+ENVS, STEPS, ACTIONS = 5, 7, 4
+DIMS = {"proprio": 6, "goal": 3, "extra": 2, "scandots": 96, "scandots_all": 96}
+GAUSSIAN = {"class_name": "rsl_rl.modules:GaussianDistribution", "init_std": 0.5}
+CAMERA = Camera(actions=(3,), columns={"proprio": (1, 4)})
+
+
+def make_obs(seed=0, **dims):
+    """Observations (STEPS, ENVS, dim) in which all scandots are visible."""
+    generator = torch.Generator().manual_seed(seed)
+    groups = {
+        name: 2.0 + 3.0 * torch.randn(STEPS, ENVS, dim, generator=generator)
+        for name, dim in (DIMS | dims).items()
+    }
+    tokens = groups["scandots"].view(STEPS, ENVS, 3, 32)
+    tokens[..., 24:] = (tokens[..., 24:] > 2.0).float()
+    groups["scandots_all"] = groups["scandots"].clone()
+    return TensorDict(groups, batch_size=[STEPS, ENVS])
+
+
+def make_model(kind, groups, seed, obs=None, **settings):
+    """A model whose every parameter and statistic differs from a new one's."""
+    torch.manual_seed(seed)
+    if kind == "recurrent":
+        settings = {"rnn_hidden_dim": 8} | settings
+    model_class = {"feed_forward": ScandotModel, "recurrent": ScandotRecurrentModel}[kind]
+    settings = {"hidden_dims": (12,), "encoder_hidden": (10,), "distribution_cfg": GAUSSIAN} | settings
+    obs = make_obs() if obs is None else obs
+    return model_class(obs[0], {"actor": groups}, "actor", ACTIONS, **settings)
+
+
+def trained(model, obs):
+    model.train()
+    model.update_normalization(obs.flatten(0, 1))
+    with torch.no_grad():
+        model.distribution.std_param.copy_(torch.linspace(0.1, 0.4, ACTIONS))
+    return model.eval()
+
+
+def act(model, obs):
+    """Deterministic actions over steps, with an episode's end inside, (STEPS, ENVS, ACTIONS)."""
+    model.reset()
+    outputs = []
+    with torch.no_grad():
+        for step in range(STEPS):
+            outputs.append(model.eval()(obs[step]))
+            model.reset(torch.arange(ENVS) == step)
+    return torch.stack(outputs)
+
+
+FLAT, ALL, SEEN = ["proprio", "goal"], ["scandots_all"], ["scandots"]
+
+
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [
+        pytest.param(("recurrent", FLAT + SEEN, {}), ("recurrent", FLAT + SEEN, {}), id="same"),
+        pytest.param(
+            ("feed_forward", FLAT + SEEN, {}), ("feed_forward", FLAT + SEEN, {}), id="same feed-forward"
+        ),
+        pytest.param(
+            ("recurrent", FLAT + SEEN, {"hidden_dims": ()}),
+            ("recurrent", FLAT + SEEN, {"hidden_dims": ()}),
+            id="same without hidden layers",
+        ),
+        pytest.param(("recurrent", FLAT + ALL, {}), ("recurrent", FLAT + SEEN, {}), id="all to visible"),
+        pytest.param(
+            ("recurrent", FLAT + ALL, {"encoder": "concat"}),
+            ("recurrent", FLAT + SEEN, {"encoder": "concat"}),
+            id="all to visible, concatenated",
+        ),
+        pytest.param(
+            ("feed_forward", FLAT + ALL, {}),
+            ("recurrent", FLAT + SEEN, {"skip": True}),
+            id="feed-forward to recurrent",
+        ),
+        pytest.param(
+            ("feed_forward", FLAT + ALL, {"hidden_dims": ()}),
+            ("recurrent", FLAT + SEEN, {"skip": True, "hidden_dims": (), "rnn_hidden_dim": 5}),
+            id="feed-forward to recurrent without hidden layers",
+        ),
+        pytest.param(
+            ("recurrent", FLAT + ALL, {}),
+            ("recurrent", FLAT + SEEN, {"skip": True}),
+            id="to a skip connection",
+        ),
+        pytest.param(
+            ("recurrent", FLAT + ALL, {"skip": True}),
+            ("recurrent", [*FLAT, "extra", *SEEN], {"skip": True}),
+            id="both with a skip connection, another group",
+        ),
+        pytest.param(
+            ("recurrent", FLAT + ALL, {}),
+            ("recurrent", ["extra", "goal", "proprio", *SEEN, *ALL], {}),
+            id="more groups in another order",
+        ),
+    ],
+)
+def test_the_same_is_done_where_the_same_is_seen(source, target):
+    obs = make_obs()
+    model = trained(make_model(source[0], source[1], 1, **source[2]), obs)
+    new = make_model(target[0], target[1], 2, **target[2])
+    assert not torch.allclose(act(new, obs), act(model, obs), atol=1e-2)
+    copy_model(new, model, Camera())
+    torch.testing.assert_close(act(new, obs), act(model, obs), atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(new.distribution.std_param, model.distribution.std_param)
+    # In training too: a rollout's distribution is that of its sequence.
+    if new.is_recurrent:
+        zeros = torch.zeros(1, ENVS, new.rnn_hidden_dim)
+        resets = torch.zeros(STEPS, ENVS, dtype=torch.bool)
+        resets[1 : ENVS + 1] = torch.eye(ENVS, dtype=torch.bool)
+        with torch.no_grad():
+            sequence = new(obs, hidden_state=(zeros, zeros), resets=resets)
+        torch.testing.assert_close(sequence, act(model, obs), atol=1e-5, rtol=1e-5)
+
+
+def test_new_columns_of_a_group_do_not_count_until_they_are_learned():
+    obs, wide = make_obs(), make_obs(proprio=8)
+    wide["proprio"][..., :6] = obs["proprio"]
+    for group in ("goal", "scandots", "scandots_all"):
+        wide[group] = obs[group]
+    model = trained(make_model("recurrent", FLAT + ALL, 1), obs)
+    new = make_model("recurrent", FLAT + SEEN, 2, obs=wide)
+    copy_model(new, model, Camera())
+    torch.testing.assert_close(act(new, wide), act(model, obs), atol=1e-5, rtol=1e-5)
+    zeros = torch.zeros(1, ENVS, 8)
+    resets = torch.zeros(STEPS, ENVS, dtype=torch.bool)
+    new(wide, hidden_state=(zeros, zeros), resets=resets).square().mean().backward()
+    assert (new.lstm.rnn.weight_ih_l0.grad[:, 6:8].abs() > 0).any()
+
+
+def test_an_unlearned_camera_starts_still_and_without_effect():
+    obs = make_obs()
+    obs["proprio"][..., [1, 4]] = torch.tensor([0.3, -0.2])  # the pose at which it was frozen
+    model = trained(make_model("recurrent", FLAT + ALL, 1), obs)
+    new = make_model("recurrent", FLAT + SEEN, 2)
+    copy_model(new, model, CAMERA, new_std=CAMERA.actions)
+    moved = obs.clone()
+    moved["proprio"][..., [1, 4]] = torch.randn(STEPS, ENVS, 2)
+    for seen in (obs, moved):
+        actions = act(new, seen)
+        torch.testing.assert_close(actions[..., :3], act(model, obs)[..., :3], atol=1e-5, rtol=1e-5)
+        assert (actions[..., 3] == 0.0).all()
+    torch.testing.assert_close(new.distribution.std_param, torch.tensor([0.1, 0.2, 0.3, 0.5]))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "message"),
+    [
+        (("recurrent", FLAT + SEEN, {}), ("feed_forward", FLAT + SEEN, {}), "LSTM has no counterpart"),
+        (("feed_forward", FLAT + SEEN, {}), ("recurrent", FLAT + SEEN, {}), r"runner\.actor\.skip=true"),
+        (
+            ("recurrent", FLAT + SEEN, {}),
+            ("recurrent", FLAT + SEEN, {"rnn_hidden_dim": 9}),
+            "rnn_hidden_dim: 8, the new one's: 9",
+        ),
+        (
+            ("recurrent", FLAT + SEEN, {"hidden_dims": (5,)}),
+            ("recurrent", FLAT + SEEN, {}),
+            r"layers of the MLP: \[5, 'ELU', 4\]",
+        ),
+        (
+            ("recurrent", FLAT + SEEN, {}),
+            ("recurrent", FLAT + SEEN, {"activation": "tanh"}),
+            r"'ELU'.*'Tanh'",
+        ),
+        (
+            ("recurrent", FLAT + SEEN, {"encoder_hidden": (3,)}),
+            ("recurrent", FLAT + SEEN, {}),
+            "its encoder of scandots is",
+        ),
+        (
+            ("recurrent", FLAT + SEEN, {}),
+            ("recurrent", FLAT + SEEN, {"obs_normalization": False}),
+            "obs_normalization",
+        ),
+        (("recurrent", [*FLAT, "extra", *SEEN], {}), ("recurrent", FLAT + SEEN, {}), "it reads extra"),
+        (("recurrent", FLAT + SEEN, {}), ("recurrent", FLAT, {}), "it reads scandots"),
+        (("recurrent", FLAT + SEEN + ALL, {}), ("recurrent", FLAT + SEEN, {}), "it reads scandots_all"),
+    ],
+)
+def test_what_cannot_be_mapped_is_named(source, target, message):
+    model, new = (
+        make_model(source[0], source[1], 1, **source[2]),
+        make_model(target[0], target[1], 2, **target[2]),
+    )
+    before = {name: value.clone() for name, value in new.state_dict().items()}
+    with pytest.raises(ValueError, match=message) as error:
+        copy_model(new, model, Camera())
+    assert "\n" not in str(error.value)
+    assert all(torch.equal(value, before[name]) for name, value in new.state_dict().items())
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("source")
+    runner = PPORunner(FakeEnv(), make_config(), folder, snapshot={"task": {"camera_pose": None}})
+    runner.train(2)
+    return runner, folder
+
+
+def test_a_run_starts_from_a_checkpoint_or_a_policy_file(source, tmp_path):
+    runner, folder = source
+    save_policy(tmp_path / "a.safetensors", folder)
+    for path, has_critic in ((folder, True), (tmp_path / "a.safetensors", False)):
+        new = PPORunner(FakeEnv(), make_config() | {"seed": 9})
+        line = warm_start(new.alg, path, Camera(actions=(1,)))
+        assert line.startswith(
+            f"Initialized from {path} (iteration 2); actor: proprio, goal, scandots, memory"
+        )
+        assert "critic: new, a policy file" in line or has_critic
+        for name, value in new.alg.actor.state_dict().items():
+            expected = runner.alg.actor.state_dict()[name].clone()
+            if name == "distribution.std_param":
+                expected[1] = 0.6  # the camera's is as configured
+            assert torch.equal(value, expected), name
+        weights = new.alg.critic.state_dict()
+        same = [torch.equal(value, weights[name]) for name, value in runner.alg.critic.state_dict().items()]
+        assert all(same) if has_critic else not all(same)
+        new.train(1)
+
+
+def test_a_critic_that_does_not_fit_or_judges_another_reward_stays_new(source):
+    cfg = make_config() | {"seed": 9}
+    cfg["critic"] = cfg["critic"] | {"hidden_dims": [17]}
+    new = PPORunner(FakeEnv(), cfg)
+    assert "critic: new, its layers of the MLP" in warm_start(new.alg, source[1], Camera())
+    new = PPORunner(FakeEnv(), make_config() | {"seed": 9})
+    before = {name: value.clone() for name, value in new.alg.critic.state_dict().items()}
+    assert "critic: new, its reward" in warm_start(new.alg, source[1], Camera(), critic=False)
+    assert all(torch.equal(value, before[name]) for name, value in new.alg.critic.state_dict().items())
+
+
+def test_an_actor_that_does_not_fit_is_an_error(source):
+    cfg = make_config()
+    cfg["actor"] = cfg["actor"] | {"rnn_hidden_dim": 17}
+    with pytest.raises(ValueError, match=r"^init: .* cannot start the actor: its rnn_hidden_dim"):
+        warm_start(PPORunner(FakeEnv(), cfg).alg, source[1], Camera())

@@ -1,0 +1,114 @@
+import socket
+
+import numpy as np
+import pytest
+from viewer_worlds import POOL, SCENE, snapshot
+
+from spin_rl.benchmark.policies import ZeroPolicy
+from spin_rl.config import ConfigError
+from spin_rl.viewer import style
+from spin_rl.viewer.browser_scene import WorldView, quaternion
+from spin_rl.viewer.rollout import Player
+from spin_rl.viewer.stage import Stage
+
+viser = pytest.importorskip("viser")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def server():
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def browser():
+    from spin_rl.viewer.browser import Browser
+
+    with Browser("127.0.0.1", free_port()) as browser:
+        yield browser
+
+
+def test_world_view_places_bodies_slots_and_overlays(server):
+    stage = Stage(POOL, "portrait")
+    view = WorldView(server, stage, "/world_0", (0.0, -6.0))
+    state = snapshot(base=(0.4, 0.1, 0.5), head_pan=0.3)
+    view.update(state)
+    assert len(view._bodies) == len({int(b) for b in stage.model.geom_bodyid}) - 1  # all but the world
+    for body, handle in view._bodies.items():
+        np.testing.assert_allclose(handle.position, stage.data.xpos[body])
+        np.testing.assert_allclose(handle.wxyz, stage.data.xquat[body])
+    names = [handle.name for handle in view._slots]
+    assert names[0] == "/world_0/goal" and len(names) == 1 + SCENE.active.sum()
+    walls = [handle for handle in view._slots if "/wall_" in handle.name]
+    assert all(wall.opacity < 0.5 for wall in walls) and len(walls) == 2
+    seen, unseen = view._dots[True], view._dots[False]
+    np.testing.assert_allclose(seen.points, state.scandots.points[:1])
+    np.testing.assert_allclose(unseen.points, state.scandots.points[1:])
+    assert tuple(seen.colors[0]) == style.SEEN and tuple(unseen.colors[0]) == style.UNSEEN
+    camera = stage.depth_camera()
+    np.testing.assert_allclose(view._frustum.position, camera.pos)
+    np.testing.assert_allclose(np.abs(view._frustum.wxyz), np.abs(quaternion(camera.mat)))
+
+
+def test_a_new_scene_replaces_the_old_one(server):
+    view = WorldView(server, Stage(POOL, "portrait"), "/world_0")
+    view.update(snapshot())
+    before = list(view._slots)
+    view.update(snapshot(time=0.1))
+    assert view._slots == before  # the same scene: sent once
+    view._episode_scene = None
+    view.update(snapshot())
+    assert not set(map(id, view._slots)) & set(map(id, before)) and len(view._slots) == len(before)
+
+
+def test_panel_runs_resets_and_changes_cells(browser, make_nav_env):
+    env = make_nav_env(num_envs=2)
+    opened = []
+
+    def open_player(name):
+        if name == "broken":
+            raise ConfigError("policy: it is damaged")
+        opened.append(name)
+        player = Player(env, ZeroPolicy())
+        player.start(1, 0, seed=0)
+        return player
+
+    browser.run(open_player, ["zero", "broken"], 1, 0, max_seconds=0.5)
+    assert opened == ["zero"] and len(browser._views) == 2
+    assert "running" in browser._status.content
+    player = open_player("zero")
+    before = browser._choice()
+    browser._scenario.value, browser._difficulty.value = "2", "hard"
+    player = browser._change(player, open_player, before)
+    assert all(s.scene.scenario == 2 and s.scene.difficulty == 2 for s in player.snapshots)
+    before = browser._choice()
+    browser._policy.value = "broken"
+    assert browser._change(player, open_player, before) is player
+    assert browser._policy.value == "zero"
+
+
+def test_statistics_count_outcomes():
+    from spin_rl.viewer.browser import statistics_text
+
+    assert "No episode" in statistics_text([])
+    ended = [snapshot(time=8.0, outcome="success"), snapshot(time=2.0, outcome="collision")] * 2
+    text = statistics_text(ended)
+    assert "| success | 2 | 50% |" in text and "successes: 8.0 s" in text and "Last: collision" in text
+
+
+def test_a_taken_port_is_an_error_that_names_it():
+    from spin_rl.viewer.browser import Browser
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"port: cannot listen on 127.0.0.1:{port}"):
+            Browser("127.0.0.1", port)

@@ -1,0 +1,71 @@
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+from viewer_worlds import SCENE, snapshot
+
+from spin_rl.cli import play
+from spin_rl.scenes.builder import native_model
+from spin_rl.viewer.native import draw_scandots
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], "policy: give a name"),
+        (["policy=no-such-policy", "viewer=none"], "policy: There is no policy"),
+        (["policy=zero", "scenario=3"], "scenario: expected 1 or 2"),
+        (
+            ["policy=zero", "difficulty=brutal"],
+            "difficulty: unknown 'brutal'; choose from easy, medium, hard",
+        ),
+        (["policy=zero", "episodes=0"], "episodes: expected a whole number"),
+        (["policy=zero", "viewer=holo"], "viewer: unknown 'holo'; choose from viser, native, none"),
+        (["policy=zero", "viewer=native"], "viewer: native needs a display"),
+        (["policy=zero", "video=a.avi"], "video: a.avi should end in .mp4 or .gif"),
+        (["policy=zero", "video=."], "video: "),
+        (["policy=zero", "plots=a-file"], "plots: a-file is no folder"),
+        (["policy=zero", "port=http"], "port: expected a whole number"),
+        (["policy=zero", "device=tpu"], "device: unknown device 'tpu'"),
+        (["policy=zero", "viewer=none", "scene=missing.yaml"], "scene: there is no file missing.yaml"),
+        (["policy=zero", "viwer=none"], "viwer"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    (tmp_path / "a-file").touch()
+    monkeypatch.setattr(sys, "argv", ["spin-play", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        play.main()
+    assert stopped.value.code == 2
+    error = capfd.readouterr().err.strip()
+    assert error.startswith("spin-play: error: ") and expected in error
+    assert "\n" not in error
+
+
+def test_plots_end_to_end(device, tmp_path):
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "plots"
+    command = [sys.executable, "-m", "spin_rl.cli.play", "policy=zero", "episodes=2", "difficulty=easy",
+               f"plots={folder}", f"device={device}", "task.episode_s=0.5"]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == f"Wrote {folder}: 0 of 2 episodes reached the goal"
+    assert "episode 2: timeout after 0.5 s" in done.stdout
+    assert sorted(file.name for file in folder.iterdir()) == ["episode_001.png", "episode_002.png"]
+
+
+def test_native_window_gets_a_mark_per_scandot_and_the_goal():
+    model = native_model(SCENE)
+    scene = mujoco.MjvScene(model, maxgeom=50)
+    state = snapshot()
+    for _ in range(2):  # replaced, not added
+        draw_scandots(scene, state)
+    assert scene.ngeom == 3
+    np.testing.assert_allclose(scene.geoms[0].pos, state.scandots.points[0], atol=1e-6)
+    np.testing.assert_allclose(scene.geoms[2].pos[:2], SCENE.goal)
+    assert scene.geoms[0].rgba[0] > 0.8 > scene.geoms[1].rgba[0]

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+from viewer_worlds import SCENE, snapshot
+
+from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
+from spin_rl.tasks.nav import NavConfig
+from spin_rl.viewer.plots import nearest, plot_episode, trace_of, write_plots
+from spin_rl.viewer.rollout import Player, scandots_of
+from spin_rl.viewer.video import play
+
+
+def test_scandots_are_world_points_seen_or_not():
+    known, visible = np.zeros((2, 32)), np.zeros((2, 32))
+    known[:, 24:26] = 1.0
+    known[:, :3], known[:, 3:6] = (1.0, 0.0, 0.5), (0.0, 1.0, 0.2)
+    visible[:, 24] = 1.0
+    visible[:, :3] = (1.0, 0.0, 0.5)
+    dots = scandots_of(known, visible, np.array([True, False]), np.array([2.0, 3.0, np.pi / 2]))
+    # The wall's (first) corners are all listed beside the seen one; the box's seen corner is listed once.
+    unseen = [(2.0, 4.0, 0.5), (1.0, 3.0, 0.2), (1.0, 3.0, 0.2)]
+    np.testing.assert_allclose(dots.points, [*unseen, *[(2.0, 4.0, 0.5)] * 2], atol=1e-12)
+    assert dots.seen.tolist() == [False, False, False, True, True]
+
+
+def test_player_shows_the_state_that_ended_an_episode(make_nav_env):
+    # Two steps of 0.1 s, then a timeout.
+    env = make_nav_env(NavConfig(episode_s=0.2), num_envs=2, seed=5)
+    player = Player(env, ZeroPolicy())
+    first = player.start(1, 2, seed=5)
+    assert [(s.scene.scenario, s.scene.difficulty) for s in first] == [(1, 2)] * 2
+    np.testing.assert_allclose(first[0].qpos[:3], first[0].scene.start, atol=1e-6)
+    second, third = player.step(), player.step()
+    assert [s.outcome for s in second] == ["running"] * 2
+    for world, last in enumerate(third):
+        assert last.outcome == "timeout" and last.ended
+        assert last.time == pytest.approx(0.2) and last.episode == 0
+        assert last.scene is first[world].scene
+        # Not the next episode's start; the base stands still.
+            np.testing.assert_allclose(last.qpos[:3], second[world].qpos[:3], atol=0.01)
+        new = player.snapshots[world]
+        assert new.episode == 1 and new.time == 0.0 and new.scene is not last.scene
+        np.testing.assert_allclose(new.qpos[:3], new.scene.start, atol=1e-6)
+    assert len(player.ended) == 2
+
+
+def test_a_seed_gives_the_same_episodes_again(make_nav_env):
+    env = make_nav_env(NavConfig(episode_s=0.5), num_envs=1, seed=0)
+    records = []
+    for _ in range(2):
+        player = Player(env, RandomPolicy("cpu" if env.device == "cpu" else env.device))
+        player.start(2, 1, seed=4)
+        records.append([[s.qpos for s in episode] for episode in play(player, 2)])
+    assert len(records[0]) == 2
+    for a, b in zip(*records, strict=True):
+        np.testing.assert_array_equal(np.array(a), np.array(b))
+
+
+def test_scandots_of_a_snapshot_are_corners_of_its_scene(nav_env):
+    player = Player(nav_env, ZeroPolicy())
+    for state in player.start(1, 2, seed=3):
+        scene, points = state.scene, state.scandots.points
+        assert len(points) == len(state.scandots.seen) > 0
+        top = scene.pos[:, 2] + scene.half_size[:, 2]
+        bottom = scene.pos[:, 2] - scene.half_size[:, 2]
+        heights = np.concatenate((bottom, top))[np.tile(scene.active, 2)]
+        # What is seen of a wall may start and end anywhere; everything else is at a bottom or a top.
+        unseen = points[~state.scandots.seen, 2]
+        assert (np.abs(unseen[:, None] - heights).min(1) < 1e-5).all()
+
+
+def test_distance_to_obstacles_of_a_level():
+    points = np.array([[1.0, 0.3], [1.0, -1.0], [3.0, 0.0], [2.0, -0.05]])
+    low, head = nearest(SCENE, points, ("low",)), nearest(SCENE, points, ("head",))
+    assert low[0] == 0.0 and head[3] == pytest.approx(0.05)
+    assert nearest(SCENE, points, ("tall",))[2] == pytest.approx(0.2, abs=1e-3)
+    assert np.isinf(nearest(SCENE, points, ("arm",))).all()
+    assert low[1] > 1.0  # walls do not count
+
+
+def test_plots_of_an_episode(tmp_path):
+    pytest.importorskip("matplotlib")
+    path = [(0.0, -0.3, 0.6), (0.5, -0.9, 0.8), (1.5, -0.2, 0.3)]
+    episode = [
+        snapshot(time=0.1 * i, base=(x, 0.0, 0.0), head_tilt=tilt, lift=lift, arm_outer=0.1, arm_inner=0.1)
+        for i, (x, tilt, lift) in enumerate(path)
+    ]
+    trace = trace_of(episode)
+    np.testing.assert_allclose(trace.tilt, [-0.3, -0.9, -0.2])
+    np.testing.assert_allclose(trace.extension, 0.2)
+    figure = plot_episode(trace, "title")
+    tilt = figure.axes[2].lines[0]
+    np.testing.assert_allclose(tilt.get_ydata(), np.degrees(trace.tilt))
+    files = write_plots(tmp_path / "new", [episode, episode], "zero")
+    assert [file.name for file in files] == ["episode_001.png", "episode_002.png"]
+    assert all(file.stat().st_size > 10_000 for file in files)
