@@ -7,6 +7,8 @@ STAMP := $(VENV)/.installed
 WORKERS ?= $(shell nproc 2>/dev/null | awk '{print ($$1 > 2) ? 2 : $$1}')
 HAS_GPU := $(shell nvidia-smi -L 2>/dev/null | head -1)
 TRAIN_MINUTES ?= 5
+# Expanded once, so that the video shows what was trained; `make train RUN=runs/first` names another folder.
+RUN := runs/train-$(shell date +%Y%m%d-%H%M%S)
 
 .PHONY: setup train test lint format type bench clean
 
@@ -22,10 +24,12 @@ $(STAMP): pyproject.toml
 train: setup
 ifeq ($(HAS_GPU),)
 	OMP_NUM_THREADS=1 $(BIN)/torchrun --nproc-per-node=$(WORKERS) -m spin_rl.cli.train \
-		max_minutes=$(TRAIN_MINUTES) evaluate=25 $(ARGS)
+		run_dir=$(RUN) max_minutes=$(TRAIN_MINUTES) evaluate=25 $(ARGS)
 else
-	$(BIN)/spin-train max_minutes=$(TRAIN_MINUTES) evaluate=100 $(ARGS)
+	$(BIN)/spin-train run_dir=$(RUN) max_minutes=$(TRAIN_MINUTES) evaluate=100 $(ARGS)
 endif
+	OMP_NUM_THREADS=1 $(BIN)/spin-play policy=$(RUN) difficulty=easy episodes=2 seed=0 samples=1 \
+		task.episode_s=15 video=$(RUN)/play.mp4
 
 test: setup
 	$(BIN)/python -m pytest $(ARGS)

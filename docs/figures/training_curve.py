@@ -1,4 +1,4 @@
-"""Plot a training run's success, curriculum level, return and speed: python docs/figures/training_curve.py RUN OUT.png."""
+"""Plot a training run: python docs/figures/training_curve.py RUN OUT.png."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import numpy as np
 from spin_rl.benchmark.camera_variants import Variant, check_pose
 from spin_rl.benchmark.hits import Hit, summarize_hits
 from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, Cell, Policy, PolicyFactory, run_cells
+from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, Cell, Policy, PolicyFactory, run_cells
 from spin_rl.benchmark.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.config import ConfigError
 from spin_rl.tasks import episode
@@ -147,7 +147,7 @@ def run_variant(
     watched = WatchedPolicy(policy, env)
     per_seed = []
     for seed in seeds:
-        env.reseed(seed)
+        env.reseed(SEED_OFFSET + seed)
         per_seed.append(
             run_cells(
                 env, watched, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")

@@ -6,7 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,6 +17,7 @@ from tensordict import TensorDict
 from spin_rl import robot
 from spin_rl.benchmark.metrics import Episodes, summarize
 from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
+from spin_rl.benchmark.throughput import commit
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.tasks.nav import NavConfig, NavEnv
@@ -26,6 +27,8 @@ _MAX_WORLDS = {"cpu": 600, "cuda": 16384}
 # Reading the flags waits for the device.
 _STEPS_BETWEEN_CHECKS = 5
 _SECONDS_BETWEEN_REPORTS = 5.0
+# Far from any seed that a training takes, so that its first corridors are not those of the benchmark.
+SEED_OFFSET = 1_000_000
 
 
 class Policy(Protocol):
@@ -101,8 +104,9 @@ def evaluate_reach(
     with announce(f"Starting {nworld} worlds on {device}") if announce else contextlib.nullcontext():
         env = NavEnv(cfg, nworld, device, scene=in_usual_pool(scene) if scene else None)
     policy = make_policy(env.get_observations(), device)
+    env.health.clear()
     for seed in seeds:
-        env.reseed(seed)
+        env.reseed(SEED_OFFSET + seed)
         groups = run_cells(
             env, policy, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
         )
@@ -113,6 +117,7 @@ def evaluate_reach(
         | summarize(Episodes.concatenate(collected), cfg.sim.control_period)
         for cell, collected in zip(cells, per_cell, strict=True)
     ]
+    overflows = {name: count for name, count in env.health.read().items() if count}
     return {
         "policy": policy_name,
         "benchmark": "reach",
@@ -124,6 +129,12 @@ def evaluate_reach(
         "robot": cfg.robot_profile,
         "camera_mount": cfg.camera_mount,
         "episode_s": cfg.episode_s,
+        "goal_tolerance_m": cfg.goal_tolerance_m,
+        "sim": asdict(cfg.sim),
+        "scandots": asdict(cfg.scandots),
+        "noise": asdict(cfg.noise),
+        "overflows": overflows,
+        "commit": commit(),
         "seconds": round(time.monotonic() - start, 2),
     }
 
@@ -201,6 +212,8 @@ def run_cells(
                 [int(cells[c].scenario) for c in filled],
                 [DIFFICULTIES.index(cells[c].difficulty) for c in filled],
             )
+        # A world's corridor must not depend on how often it started anew before, which is up to the policy.
+        env.set_episode(len(finished))
         finished.append(_run_round(env, policy, len(assigned), progress))
     everything = Episodes.concatenate(finished)
     return [everything.select(queue == c) for c in range(len(cells))]
@@ -264,7 +277,13 @@ def _run_round(env: NavEnv, policy: Policy, count: int, progress: _Progress) -> 
     return Episodes(*(values[:count].cpu().numpy() for values in (outcome, steps, distance, parts)))
 
 
-def evaluate_run(run_dir: Path, episodes: int, device: str, seeds: Sequence[int] = (0,)) -> Path:
+def evaluate_run(
+    run_dir: Path,
+    episodes: int,
+    device: str,
+    seeds: Sequence[int] = (0,),
+    announce: Callable[[str], contextlib.AbstractContextManager] | None = None,
+) -> Path:
     """Evaluate the last checkpoint of a run, print the table and write `<run_dir>/reach.json`.
 
     Args:
@@ -272,6 +291,7 @@ def evaluate_run(run_dir: Path, episodes: int, device: str, seeds: Sequence[int]
         episodes: Episodes per cell and seed.
         device: "cpu" or "cuda:N".
         seeds: Seeds of the corridors.
+        announce: Context in which the worlds are made, such as `common.announced`.
 
     Returns:
         The file.
@@ -282,7 +302,9 @@ def evaluate_run(run_dir: Path, episodes: int, device: str, seeds: Sequence[int]
     make_policy, trained = policies.open_policy(str(run_dir))
     cfg = settings.for_policy(settings.compose(), trained, overridden=())
     print(f"Evaluating {run_dir} in {len(REACH_CELLS)} cells")
-    result = evaluate_reach(make_policy, env_config(cfg), episodes, seeds, device, policy_name=str(run_dir))
+    result = evaluate_reach(
+        make_policy, env_config(cfg), episodes, seeds, device, policy_name=str(run_dir), announce=announce
+    )
     print(report.table(result))
     path = Path(run_dir) / "reach.json"
     report.write_json(result, path)

@@ -25,6 +25,8 @@ def table(result: dict[str, Any]) -> str:
     header = ["scenario", "", "success", "95%", "time", *paper, "failures by cause"]
     body = [_line(row, paper) for row in result["rows"]]
     note = "time: mean of the successful episodes"
+    if result.get("overflows"):
+        note = f"WARNING: physics dropped contacts or constraints: {result['overflows']}\n{note}"
     if paper:
         note += "; paper (Table 1): success and mean episode time of 30 episodes"
     return "\n".join([title, *align([header, *body]), note])

@@ -29,15 +29,8 @@ _BUSY_LOAD = 0.5
 
 def main() -> None:
     """Entry point of the `spin-bench` command."""
-    sys.argv[1:] = with_preset(sys.argv[1:], torch.cuda.is_available())
+    sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available())
     common.run("bench", bench)
-
-
-def with_preset(arguments: list[str], has_gpu: bool) -> list[str]:
-    """Add `preset=gpu` where the benchmark will run on a GPU and no preset is named."""
-    given = dict(argument.partition("=")[::2] for argument in arguments)
-    on_gpu = given.get("device", "auto") != "cpu" and has_gpu
-    return [*arguments, "preset=gpu"] if on_gpu and "preset" not in given else arguments
 
 
 def bench(cfg: DictConfig) -> None:

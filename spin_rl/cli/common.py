@@ -92,6 +92,13 @@ def resolve_device(device: str) -> str:
     return f"cuda:{index}"
 
 
+def with_preset(arguments: list[str], has_gpu: bool) -> list[str]:
+    """Add `preset=gpu` where the command will run on a GPU and no preset is named."""
+    given = dict(argument.partition("=")[::2] for argument in arguments)
+    on_gpu = given.get("device", "auto") != "cpu" and has_gpu
+    return [*arguments, "preset=gpu"] if on_gpu and "preset" not in given else arguments
+
+
 def is_main_process() -> bool:
     """Whether this process is the one that prints and writes, under torchrun or alone."""
     return os.environ.get("RANK", "0") == "0"
@@ -111,7 +118,7 @@ def announced(what: str) -> Iterator[None]:
 
     def report() -> None:
         while not finished.wait(10.0):
-            print(f"  still compiling, {time.monotonic() - start:.0f} s", flush=True)
+            print(f"  still starting, {time.monotonic() - start:.0f} s", flush=True)
 
     thread = threading.Thread(target=report, daemon=True)
     thread.start()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from spin_rl.tasks.observations import GROUPS
 
 def main() -> None:
     """Entry point of the `spin-train` command."""
+    sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available())
     common.run("train", train)
 
 
@@ -51,15 +53,16 @@ def train(cfg: DictConfig) -> None:
         torch.set_num_threads(1)
     torch.manual_seed(seed)
 
-    if common.is_main_process():
-        _write_config(run_dir, values)
     with common.announced(f"Starting {values['num_envs']} worlds on {device}"):
         # Every process draws its own worlds.
         env = NavEnv(task, values["num_envs"], device, seed=seed + 10_000 * rank)
     learning = values["runner"] | {"seed": seed}
     runner = PPORunner(env, learning, run_dir, device, snapshot=values)
     if checkpoint is not None:
-        runner.load(checkpoint)
+        state = runner.load(checkpoint)
+        changed = _changed_settings(json.loads(state["config"])["run"], values)
+        if changed and common.is_main_process():
+            print(f"Continuing with other settings than before: {', '.join(changed)}", flush=True)
     elif values["init"] is not None:
         message = warm_start(
             runner.alg,
@@ -70,6 +73,8 @@ def train(cfg: DictConfig) -> None:
         )
         if common.is_main_process():
             print(message, flush=True)
+    if common.is_main_process():
+        _write_config(run_dir, values)  # not before: a resume that is refused leaves the run as it was
     summary = runner.train(values["max_iterations"], values["max_minutes"])
     if not common.is_main_process():
         return
@@ -82,7 +87,7 @@ def train(cfg: DictConfig) -> None:
     if values["evaluate"]:
         from spin_rl.benchmark.reach import evaluate_run
 
-        evaluate_run(run_dir, episodes=values["evaluate"], device=device)
+        evaluate_run(run_dir, episodes=values["evaluate"], device=device, announce=common.announced)
 
 
 def _check(values: dict[str, Any]) -> None:
@@ -147,7 +152,25 @@ def _run_dir(values: dict[str, Any], checkpoint: Path | None) -> Path:
         raise ConfigError(
             f"run_dir: {path} holds a run; continue it with resume={path} or name another folder"
         )
+    if common.is_main_process():
+        path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made is found before anything else
     return path
+
+
+# Settings of a call rather than of the run.
+_PER_CALL = ("resume", "init", "run_dir", "max_minutes", "max_iterations", "evaluate", "device", "seed")
+
+
+def _changed_settings(before: Any, now: Any, path: str = "") -> list[str]:
+    """Name the settings of a resumed run that differ from its checkpoint's, as `key=value`."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = [key for key in now if path or key not in _PER_CALL]
+        return [
+            line
+            for key in keys
+            for line in _changed_settings(before.get(key), now[key], f"{path}.{key}" if path else key)
+        ]
+    return [] if before == now else [f"{path}={now}"]
 
 
 def _write_config(run_dir: Path, values: dict[str, Any]) -> None:

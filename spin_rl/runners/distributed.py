@@ -91,15 +91,18 @@ class Processes:
 
 
 def mean_statistics(processes: Processes, statistics: dict[str, float]) -> dict[str, float]:
-    """Average episode statistics over the processes, weighted by their episodes; "episodes" is the sum.
+    """Average episode statistics over the processes, weighted by their episodes; counts are summed.
+
+    Counts are "episodes" and what is named "overflow/...".
 
     Statistics of a process without finished episodes count only where no process finished one.
     """
     if not processes.parallel:
         return statistics
-    names = sorted(statistics.keys() - {"episodes"})
-    episodes = statistics["episodes"]
-    (total,) = processes.sum([episodes])
+    counts = sorted(name for name in statistics if name == "episodes" or name.startswith("overflow/"))
+    totals = dict(zip(counts, processes.sum([statistics[name] for name in counts]), strict=True))
+    names = sorted(statistics.keys() - totals.keys())
+    episodes, total = statistics["episodes"], totals["episodes"]
     weight = episodes / total if total > 0 else 1.0 / processes.world_size
     means = processes.sum([statistics[name] * weight if weight > 0 else 0.0 for name in names])
-    return {"episodes": total, **dict(zip(names, means, strict=True))}
+    return totals | dict(zip(names, means, strict=True))

@@ -75,16 +75,15 @@ def load_policy(name_or_path: str | Path, obs: TensorDict | None = None, device:
                 raise ValueError(
                     f"{name_or_path} reads '{group}' of size {dim}; the environment's has size {found}."
                 )
-    check_class(
-        metadata["actor"]["distribution_cfg"], Distribution, "actor.distribution_cfg", ("output_dim",)
-    )
     actor = build_model(metadata["actor"], "actor", dims, metadata["num_actions"])
     load_module_state(actor, weights, "actor", str(name_or_path))
     return actor.to(device).eval().requires_grad_(False)
 
 
 def build_model(cfg: dict[str, Any], name: str, dims: dict[str, int], output_dim: int) -> ScandotModel:
-    """Build a model from a file's description: the file names a class, and only a model's is used.
+    """Build a model from a file's description.
+
+    The file names classes: only models and distributions are built from it.
 
     Args:
         cfg: `class_name` and arguments.
@@ -96,6 +95,8 @@ def build_model(cfg: dict[str, Any], name: str, dims: dict[str, int], output_dim
         ValueError: It is no model, or has other arguments; one line that names the key.
     """
     check_class(cfg, ScandotModel, name, MODEL_ARGUMENTS)
+    if cfg.get("distribution_cfg") is not None:
+        check_class(cfg["distribution_cfg"], Distribution, f"{name}.distribution_cfg", ("output_dim",))
     example = TensorDict({group: torch.zeros(1, dim) for group, dim in dims.items()}, batch_size=[1])
     model_class, arguments = resolve_class(cfg)
     return model_class(example, {name: list(dims)}, name, output_dim, **arguments)

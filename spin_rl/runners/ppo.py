@@ -62,7 +62,10 @@ class PPORunner(OnPolicyRunner):
         Raises:
             ValueError: A setting is unknown or impossible; one line that names it.
         """
-        check_config(cfg, env.get_observations(), env.num_envs)
+        obs = env.get_observations()
+        check_config(cfg, obs, env.num_envs)
+        # Not asked for when saving: every call draws noise, and saving must not change a run.
+        self._obs_dims = {name: value.shape[-1] for name, value in obs.items()}
         self.processes = Processes(device)
         torch.manual_seed(cfg.get("seed", 0) + self.processes.rank)
         super().__init__(env, copy.deepcopy(cfg), None, device)  # type: ignore
@@ -238,7 +241,7 @@ class PPORunner(OnPolicyRunner):
             "minutes": self.minutes,
             "skipped_steps": self.skipped_steps,
             "num_actions": self.env.num_actions,
-            "obs_dims": {name: value.shape[-1] for name, value in self.env.get_observations().items()},
+            "obs_dims": self._obs_dims,
             "config": self.config_text,
             "processes": self.processes.gather(own),
         }

@@ -83,7 +83,7 @@ class ScalarWriter:
 
 
 def episode_tag(name: str) -> str:
-    """TensorBoard tag of an episode statistic: in the group that its name has before a slash, else Episode."""
+    """TensorBoard tag of an episode statistic: in the group before its name's slash, else Episode."""
     return name[0].upper() + name[1:] if "/" in name else f"Episode/{name}"
 
 

@@ -29,7 +29,7 @@ class GeneratorParams:
         beyond_goal: Room beyond the goal.
         wall_height: Height of the walls, one draw per world.
         wall_thickness: Thickness of the walls.
-        passage: Room left beside every obstacle; the base is 0.363 m wide, 0.39 m with the stowed arm.
+        passage: Room left beside every obstacle; the base is 0.363 m wide, 0.374 m with the stowed arm.
         first_obstacle: Distance from the robot's front, as it faces the goal, to the nearest possible
             obstacle.
         goal_clearance: Distance from the last possible obstacle to the goal.

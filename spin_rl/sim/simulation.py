@@ -14,7 +14,7 @@ from spin_rl.scenes.builder import add_pool, write_geoms
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.reset import set_start_state
-from spin_rl.warp_kernels.contacts import part_contacts
+from spin_rl.warp_kernels.contacts import clear_part_contacts, part_contacts
 
 # Bits of mujoco_warp's Data.overflow that say that contacts or constraints were dropped, with the SimConfig
 # key that makes room for them (none for a buffer of fixed size). The solver's iteration limits are no losses:
@@ -182,9 +182,10 @@ class Simulation:
     def advance(self) -> None:
         """Run one control step: drive and physics for every substep, then flag contacts.
 
-        Contacts are those of the last substep's start state, so a flag is up to one substep old; a robot that
-        drives into something keeps touching it.
+        A flag is set if there was contact in any substep. mujoco_warp finds contacts at the start of a
+        substep, so what begins in the last one shows in the next control step.
         """
+        clear_part_contacts(self.contacts.parts, self.contacts.self_contact)
         for _ in range(self.config.substeps):
             drive_module.drive(
                 self._limits,
@@ -197,17 +198,17 @@ class Simulation:
                 ctrl=self.data.ctrl,
             )
             mjw.step(self.model, self.data)
-        part_contacts(
-            self.data.contact.geom,
-            self.data.contact.worldid,
-            self.data.contact.dist,
-            self.data.contact.type,
-            self.data.nacon,
-            self._geom_part,
-            self._geom_is_scene,
-            part_out=self.contacts.parts,
-            self_out=self.contacts.self_contact,
-        )
+            part_contacts(
+                self.data.contact.geom,
+                self.data.contact.worldid,
+                self.data.contact.dist,
+                self.data.contact.type,
+                self.data.nacon,
+                self._geom_part,
+                self._geom_is_scene,
+                part_out=self.contacts.parts,
+                self_out=self.contacts.self_contact,
+            )
 
     def reset(self, mask: wp.array) -> None:
         """Put the masked worlds at their layout's start state and scene; the others are left alone.

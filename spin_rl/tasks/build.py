@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError, from_mapping
+from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.params import GeneratorParams
 from spin_rl.sim import SimConfig
 from spin_rl.tasks.nav import NavConfig
@@ -26,6 +28,16 @@ def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
             raise ConfigError(f"{min(missing)}: a value is needed")
         return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
     return dict(cfg)
+
+
+def default_config(overrides: Sequence[str] = ()) -> NavConfig:
+    """Return the navigation task as `spin-train` has it.
+
+    Args:
+        overrides: Hydra overrides, such as `robot=re1`.
+    """
+    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        return env_config(hydra.compose("train", list(overrides)))
 
 
 def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from spin_rl.tasks import episode
+from spin_rl.tasks.build import default_config
 from spin_rl.tasks.nav import NavConfig, NavEnv
 
 ENV_ID = "spin_rl/Nav-v0"
@@ -24,7 +25,8 @@ class NavVectorEnv(VectorEnv):
 
     Observations are a dict of the groups in `observations.py`. With same-step autoreset the observation of a
     step that ended an episode is the first of the next one; rewards, flags and `info["outcome"]` (see
-    `episode.OUTCOMES`) are those of the step.
+    `episode.OUTCOMES`) are those of the step. Unlike gymnasium's own vector environments there is no
+    `info["final_obs"]`: the last observation of an episode is overwritten on the device.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012
@@ -36,11 +38,11 @@ class NavVectorEnv(VectorEnv):
 
         Args:
             num_envs: Number of worlds.
-            cfg: Task configuration, the benchmark's corridors with a curriculum by default.
+            cfg: Task configuration, that of `spin-train` by default.
             device: Warp and Torch device.
             seed: Seed of layouts, start poses, dynamics and noise.
         """
-        self.env = NavEnv(cfg or NavConfig(), num_envs, device, seed)
+        self.env = NavEnv(cfg or default_config(), num_envs, device, seed)
         self.num_envs = num_envs
         groups = self.env.get_observations()
         self.single_observation_space = gym.spaces.Dict(

@@ -365,6 +365,11 @@ class NavEnv(VecEnv):
         self._counter.zero_()
         self.observations.reseed(seed)
 
+    def set_episode(self, index: int) -> None:
+        """Let the next reset draw the `index`-th episode of this seed in every world."""
+        self._layout_counter.fill_(index)
+        self._counter.fill_(index)
+
     def reset(self) -> TensorDict:
         """Start a new episode in every world and return its first observations."""
         with wp.ScopedDevice(self.device):

@@ -1,4 +1,8 @@
-"""A live view in the browser with viser: worlds in real time, with choosers and episode statistics."""
+"""A live view in the browser with viser: worlds in real time, with choosers and episode statistics.
+
+The robot that is followed stays at the origin and its world moves: cameras belong to those who look, and the
+server learns late where they are.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +28,8 @@ OpenPlayer = Callable[[str], Player]
 
 _SPACING_M = 6.5
 _DEPTH_ROWS = 174
-_CAMERA_OFFSET = np.array([-2.2, -1.6, 2.4])  # from behind and the right of a start pose
+_SECTION_M = 1.0  # of the floor's pattern
+_CAMERA_POSITION = (-2.3, -1.5, 2.6)  # from behind and the right of a start pose
 _SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x")
 
 
@@ -49,21 +53,23 @@ class Browser:
         self._reset = threading.Event()
         self._stage: Stage | None = None
         self._views: list[WorldView] = []
-        self._shown: np.ndarray | None = None
+        self._anchor = np.zeros(2)  # what is shown at the origin
         server = self.server
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
         server.scene.set_up_direction("+z")
-        server.scene.add_grid(
+        self._floor = server.scene.add_grid(
             "/floor",
             infinite_grid=True,
             cell_size=0.5,
-            section_size=1.0,
+            section_size=_SECTION_M,
             plane_color=style.FLOOR,
             plane_opacity=1.0,
             cell_color=(198, 202, 206),
             section_color=(180, 185, 190),
         )
+        server.initial_camera.position = _CAMERA_POSITION
+        server.initial_camera.look_at = (0.0, 0.0, 0.5)
 
     def __enter__(self) -> Browser:
         """Return itself."""
@@ -107,7 +113,6 @@ class Browser:
         self._statistics = gui.add_markdown("")
         self._add_worlds(player)
         self.show(player.snapshots, player)
-        self.server.on_client_connect(self._welcome)
 
     def run(
         self,
@@ -176,8 +181,7 @@ class Browser:
         env = player.env
         self._stage = Stage(env.sim.layout.pool, env.cfg.camera_mount)
         self._views = [
-            WorldView(self.server, self._stage, f"/world_{world}", _offset(world))
-            for world in range(env.num_envs)
+            WorldView(self.server, self._stage, f"/world_{world}") for world in range(env.num_envs)
         ]
 
     def show(self, snapshots: Sequence[Snapshot], player: Player) -> None:
@@ -192,32 +196,15 @@ class Browser:
         with self.server.atomic():
             # The chosen world comes last: the stage then has its pose for the depth image.
             order = [i for i in range(len(snapshots)) if i != world] + [world]
+            if self._follow.value:
+                self._anchor = snapshots[world].qpos[:2] + _offset(world)
             for i in order:
-                self._views[i].update(snapshots[i])
+                self._views[i].update(snapshots[i], np.array(_offset(i)) - self._anchor)
+            # Moves along, which an endless pattern shows by its lines only.
+            self._floor.position = (*-np.mod(self._anchor, _SECTION_M), 0.0)
         self._depth.image = np.asarray(depth_picture(self._stage.depth_image(_DEPTH_ROWS)))
         self._status.content = status_text(snapshots[world])
         self._statistics.content = statistics_text(player.ended)
-        self._move_cameras(snapshots[world], world)
-
-    def _welcome(self, client: Any) -> None:
-        """Point a new viewer's camera at where the robot is by now."""
-        if self._shown is not None:
-            target = np.array([*self._shown, 0.5])
-            client.camera.position = target + _CAMERA_OFFSET
-            client.camera.look_at = target
-
-    def _move_cameras(self, snapshot: Snapshot, world: int) -> None:
-        """Carry every viewer's camera along by as much as the robot has moved."""
-        place = snapshot.qpos[:2] + _offset(world)
-        before, self._shown = self._shown, place
-        if before is None or not self._follow.value:
-            return
-        shift = np.array([*(place - before), 0.0])
-        if not shift.any():
-            return
-        for client in self.server.get_clients().values():
-            with contextlib.suppress(ValueError, AssertionError):  # not yet connected: it has no camera
-                client.camera.position = client.camera.position + shift
 
 
 def status_text(snapshot: Snapshot) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 
 from spin_rl.scenes.layout import Scene
 from spin_rl.viewer import style
+from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M
 from spin_rl.viewer.rollout import Snapshot
 from spin_rl.viewer.stage import VISUAL_GROUP, DepthCamera, Stage
 
 _WALL_OPACITY = 0.28
-_FRUSTUM_LENGTH_M = 1.0
 _SEEN_SIZE_M = 0.035
 _UNSEEN_SIZE_M = 0.018
 
@@ -22,23 +22,20 @@ _UNSEEN_SIZE_M = 0.018
 class WorldView:
     """Draws one world below a node of its own; bodies move, their geoms are sent once."""
 
-    def __init__(
-        self, server: Any, stage: Stage, name: str, offset: tuple[float, float] = (0.0, 0.0)
-    ) -> None:
+    def __init__(self, server: Any, stage: Stage, name: str) -> None:
         """Add the robot.
 
         Args:
             server: viser's server.
             stage: Poses the robot; shared by all worlds.
             name: Name of the node, such as "/world_0".
-            offset: Where the world's origin is shown [m].
         """
         self._scene_api = server.scene
         self._stage = stage
         self._name = name
         self._episode_scene: Scene | None = None
         self._slots: list[Any] = []
-        server.scene.add_frame(name, show_axes=False, position=(*offset, 0.0))
+        self._root = server.scene.add_frame(name, show_axes=False)
         self._bodies = self._add_robot()
         # Two clouds: what is seen is drawn larger.
         self._dots = {
@@ -52,10 +49,16 @@ class WorldView:
             )
             for seen in (False, True)
         }
-        self._frustum = self._add_frustum(stage.depth_camera())
+        self._frustum = self._add_frustum(stage.depth_camera().tan_half_fov)
 
-    def update(self, snapshot: Snapshot) -> None:
-        """Show a snapshot; a new scene replaces the old one."""
+    def update(self, snapshot: Snapshot, origin: np.ndarray) -> None:
+        """Show a snapshot; a new scene replaces the old one.
+
+        Args:
+            snapshot: What to show.
+            origin: Where to show the world's origin (x, y) [m], shape (2,).
+        """
+        self._root.position = (*origin, 0.0)
         if snapshot.scene is not self._episode_scene:
             self._episode_scene = snapshot.scene
             self._add_scene(snapshot.scene)
@@ -91,16 +94,16 @@ class WorldView:
             )
         return bodies
 
-    def _add_frustum(self, camera: DepthCamera) -> Any:
-        tan_x, tan_y = camera.tan_half_fov
-        return self._scene_api.add_camera_frustum(
+    def _add_frustum(self, tan_half_fov: tuple[float, float]) -> Any:
+        """Add the frustum's edges in the optical frame; viser's own frustum has another length."""
+        apex, *corners = DepthCamera(np.zeros(3), np.eye(3), tan_half_fov).frustum(FRUSTUM_LENGTH_M)
+        edges = [(apex, corner) for corner in corners]
+        edges += [(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        return self._scene_api.add_line_segments(
             f"{self._name}/depth_camera",
-            fov=2.0 * float(np.arctan(tan_y)),
-            aspect=tan_x / tan_y,
-            scale=_FRUSTUM_LENGTH_M,
-            thickness=0.008,
-            color=style.FRUSTUM,
-            cast_shadow=False,
+            points=np.array(edges, dtype=np.float32),
+            colors=style.FRUSTUM,
+            thickness=0.01,
         )
 
     def _add_scene(self, scene: Scene) -> None:

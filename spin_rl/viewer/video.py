@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from spin_rl.config import ConfigError
+from spin_rl.viewer import style
 from spin_rl.viewer.extras import require
 from spin_rl.viewer.rollout import Player, Snapshot
 
@@ -19,7 +20,7 @@ FORMATS = (".mp4", ".gif")
 
 _HOLD_S = 0.8  # the last picture of an episode stays, so that its outcome can be read
 _GIF_WIDTH = 480
-_GIF_COLOURS = 64
+_GIF_COLOURS = 96
 _PALETTE_SAMPLES = 12
 
 Append = Callable[[Image.Image], None]
@@ -93,13 +94,19 @@ def _gif(path: Path, fps: float) -> Iterator[Append]:
 
 
 def _palette(pictures: list[Image.Image]) -> Image.Image:
-    """An image with the palette that suits all pictures."""
+    """An image whose palette suits all pictures: their commonest colours, and those that mean something."""
     count = min(len(pictures), _PALETTE_SAMPLES)
     width, height = pictures[0].size
     samples = Image.new("RGB", (width, height * count))
     for i in range(count):
         samples.paste(pictures[i * (len(pictures) - 1) // max(count - 1, 1)], (0, i * height))
-    return samples.quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
+    common = samples.quantize(_GIF_COLOURS, dither=Image.Dither.NONE).getpalette() or []
+    # Small things would lose their colours to the floor's many shades.
+    meant = [*style.LEVEL.values(), *style.OUTCOME.values(), style.SEEN, style.FRUSTUM]
+    shades = [round(shade * channel) for colour in meant for shade in (1.0, 0.75, 0.5) for channel in colour]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(common[: 3 * _GIF_COLOURS] + shades)
+    return palette
 
 
 def record(

@@ -46,6 +46,11 @@ def _scan_contacts(
         part_out[world, second] = True
 
 
+def clear_part_contacts(part_out: wp.array, self_out: wp.array) -> None:
+    """Clear the flags of `part_contacts`; same arrays."""
+    wp.launch(_clear_flags, dim=part_out.shape[0], outputs=[part_out, self_out], device=part_out.device)
+
+
 def part_contacts(
     contact_geom: wp.array,
     contact_world: wp.array,
@@ -59,6 +64,8 @@ def part_contacts(
     self_out: wp.array,
 ) -> None:
     """Flag the robot parts that penetrate a scene geom or the floor, and the worlds with a self-contact.
+
+    Flags are only ever set here, so that several physics steps add up; `clear_part_contacts` starts over.
 
     Call it after stepping and before ``mujoco_warp.reset_data``, which leaves stale entries in the list.
     Graph-safe.
@@ -75,7 +82,6 @@ def part_contacts(
         self_out: Output, shape (nworld,), bool: two robot geoms touch each other.
     """
     device = part_out.device
-    wp.launch(_clear_flags, dim=part_out.shape[0], outputs=[part_out, self_out], device=device)
     wp.launch(
         _scan_contacts,
         dim=contact_geom.shape[0],

@@ -33,6 +33,9 @@ class FakeEnv:
         self.cell = torch.tensor([(s - 1) * 3 + d for s, d in zip(scenario, difficulty, strict=True)])
         self.cells_set.append(self.cell)
 
+    def set_episode(self, index):
+        assert index == self.resets  # each round draws the next episode, whatever the policy did
+
     def reset(self):
         self.resets += 1
         self.age = torch.zeros(self.num_envs, dtype=torch.int64)

@@ -12,7 +12,7 @@ from torch.utils.tensorboard import SummaryWriter
 from spin_rl.benchmark import env_speed, rsl_rl_peer, train_speed, visibility_speed
 from spin_rl.benchmark.timing import Stopwatch, Timing
 from spin_rl.benchmark.visibility_peer import SightModel, scandot_tokens_numpy
-from spin_rl.cli import bench
+from spin_rl.cli import bench, common
 from spin_rl.paths import CONF_DIR
 from spin_rl.runners.ppo import PPORunner
 from spin_rl.tasks.build import env_config, plain
@@ -196,10 +196,10 @@ def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, 
 
 
 def test_preset_follows_the_device():
-    assert bench.with_preset(["what=env"], has_gpu=True) == ["what=env", "preset=gpu"]
-    assert bench.with_preset(["what=env"], has_gpu=False) == ["what=env"]
-    assert bench.with_preset(["device=cpu"], has_gpu=True) == ["device=cpu"]
-    assert bench.with_preset(["preset=paper"], has_gpu=True) == ["preset=paper"]
+    assert common.with_preset(["what=env"], has_gpu=True) == ["what=env", "preset=gpu"]
+    assert common.with_preset(["what=env"], has_gpu=False) == ["what=env"]
+    assert common.with_preset(["device=cpu"], has_gpu=True) == ["device=cpu"]
+    assert common.with_preset(["preset=paper"], has_gpu=True) == ["preset=paper"]
 
 
 def test_bench_trains_with_the_settings_of_spin_train():

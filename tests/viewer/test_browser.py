@@ -7,7 +7,8 @@ from viewer_worlds import POOL, SCENE, snapshot
 from spin_rl.benchmark.policies import ZeroPolicy
 from spin_rl.config import ConfigError
 from spin_rl.viewer import style
-from spin_rl.viewer.browser_scene import WorldView, quaternion
+from spin_rl.viewer.browser_scene import WorldView
+from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M
 from spin_rl.viewer.rollout import Player
 from spin_rl.viewer.stage import Stage
 
@@ -37,9 +38,10 @@ def browser():
 
 def test_world_view_places_bodies_slots_and_overlays(server):
     stage = Stage(POOL, "portrait")
-    view = WorldView(server, stage, "/world_0", (0.0, -6.0))
+    view = WorldView(server, stage, "/world_0")
     state = snapshot(base=(0.4, 0.1, 0.5), head_pan=0.3)
-    view.update(state)
+    view.update(state, np.array([-0.4, 6.0]))
+    np.testing.assert_allclose(view._root.position, (-0.4, 6.0, 0.0))
     assert len(view._bodies) == len({int(b) for b in stage.model.geom_bodyid}) - 1  # all but the world
     for body, handle in view._bodies.items():
         np.testing.assert_allclose(handle.position, stage.data.xpos[body])
@@ -54,17 +56,20 @@ def test_world_view_places_bodies_slots_and_overlays(server):
     assert tuple(seen.colors[0]) == style.SEEN and tuple(unseen.colors[0]) == style.UNSEEN
     camera = stage.depth_camera()
     np.testing.assert_allclose(view._frustum.position, camera.pos)
-    np.testing.assert_allclose(np.abs(view._frustum.wxyz), np.abs(quaternion(camera.mat)))
+    turned = viser.transforms.SO3(view._frustum.wxyz).as_matrix()
+    edges = view._frustum.position + view._frustum.points.reshape(-1, 3) @ turned.T
+    corners = camera.frustum(FRUSTUM_LENGTH_M)
+    np.testing.assert_allclose(edges.reshape(8, 2, 3)[:4, 1], corners[1:], atol=1e-5)
 
 
 def test_a_new_scene_replaces_the_old_one(server):
     view = WorldView(server, Stage(POOL, "portrait"), "/world_0")
-    view.update(snapshot())
+    view.update(snapshot(), np.zeros(2))
     before = list(view._slots)
-    view.update(snapshot(time=0.1))
+    view.update(snapshot(time=0.1), np.zeros(2))
     assert view._slots == before  # the same scene: sent once
     view._episode_scene = None
-    view.update(snapshot())
+    view.update(snapshot(), np.zeros(2))
     assert not set(map(id, view._slots)) & set(map(id, before)) and len(view._slots) == len(before)
 
 
@@ -83,7 +88,15 @@ def test_panel_runs_resets_and_changes_cells(browser, make_nav_env):
     browser.run(open_player, ["zero", "broken"], 1, 0, max_seconds=0.5)
     assert opened == ["zero"] and len(browser._views) == 2
     assert "running" in browser._status.content
+    # The first robot is followed: it is at the origin, and the other world beside its own.
     player = open_player("zero")
+    browser.show(player.snapshots, player)
+    place = player.snapshots[0].qpos[:2]
+    np.testing.assert_allclose(browser._views[0]._root.position[:2], -place)
+    np.testing.assert_allclose(browser._views[1]._root.position[:2], -place + (0.0, -6.5))
+    browser._follow.value = False
+    browser.show(player.step(), player)
+    np.testing.assert_allclose(browser._views[0]._root.position[:2], -place)
     before = browser._choice()
     browser._scenario.value, browser._difficulty.value = "2", "hard"
     player = browser._change(player, open_player, before)

@@ -36,7 +36,7 @@ def test_player_shows_the_state_that_ended_an_episode(make_nav_env):
         assert last.time == pytest.approx(0.2) and last.episode == 0
         assert last.scene is first[world].scene
         # Not the next episode's start; the base stands still.
-            np.testing.assert_allclose(last.qpos[:3], second[world].qpos[:3], atol=0.01)
+        np.testing.assert_allclose(last.qpos[:3], second[world].qpos[:3], atol=0.01)
         new = player.snapshots[world]
         assert new.episode == 1 and new.time == 0.0 and new.scene is not last.scene
         np.testing.assert_allclose(new.qpos[:3], new.scene.start, atol=1e-6)

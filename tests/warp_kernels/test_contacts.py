@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from spin_rl.warp_kernels.contacts import part_contacts
+from spin_rl.warp_kernels.contacts import clear_part_contacts, part_contacts
 
 # Parts 0 base, 1 arm, 2 hand; "shell" is a robot geom without a part, "ghost" a scene geom that is not scene.
 XML = """
@@ -60,6 +60,7 @@ def setup(device, num_worlds):
     itself = wp.full((num_worlds,), True, dtype=wp.bool, device=device)
 
     def launch():
+        clear_part_contacts(parts, itself)
         part_contacts(
             data.contact.geom,
             data.contact.worldid,
