@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import hydra
 import torch
@@ -19,6 +20,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.scene_file import load_scene
 
 # What a user can cause; anything else is a defect and keeps its traceback.
 USER_ERRORS = (
@@ -97,6 +100,28 @@ def with_preset(arguments: list[str], has_gpu: bool) -> list[str]:
     given = dict(argument.partition("=")[::2] for argument in arguments)
     on_gpu = given.get("device", "auto") != "cpu" and has_gpu
     return [*arguments, "preset=gpu"] if on_gpu and "preset" not in given else arguments
+
+
+def scene_file_argument(argument: str) -> str:
+    """Turn `scene=<file>` into `scene_file=<file>`: `scene` is also a group, so Hydra would refuse a file."""
+    key, _, value = argument.partition("=")
+    if key != "scene" or (CONF_DIR / "scene" / f"{value}.yaml").is_file():
+        return argument
+    return f"scene_file={value}"
+
+
+def load_scene_file(name: str | None) -> Scene | None:
+    """Read a user-written scene, or one of conf/scenes_examples by its file's name; None for None.
+
+    Raises:
+        ConfigError: There is no such file, or it is no scene.
+    """
+    if name is None:
+        return None
+    for path in (Path(name), CONF_DIR / "scenes_examples" / name):
+        if path.is_file():
+            return load_scene(path)
+    raise ConfigError(f"scene: there is no file {name}")
 
 
 def is_main_process() -> bool:

@@ -14,7 +14,6 @@ from omegaconf import DictConfig
 
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
-from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.build import env_config, plain
 
 BENCHMARKS = ("reach",)
@@ -25,16 +24,8 @@ _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
 
 def main() -> None:
     """Entry point of the `spin-eval` command."""
-    sys.argv[1:] = [_scene_file(argument) for argument in sys.argv[1:]]
+    sys.argv[1:] = [common.scene_file_argument(argument) for argument in sys.argv[1:]]
     common.run("eval", evaluate)
-
-
-def _scene_file(argument: str) -> str:
-    """Turn `scene=<file>` into `scene_file=<file>`: `scene` is also a group, so Hydra would refuse a file."""
-    key, _, value = argument.partition("=")
-    if key != "scene" or (CONF_DIR / "scene" / f"{value}.yaml").is_file():
-        return argument
-    return f"scene_file={value}"
 
 
 def evaluate(cfg: DictConfig) -> None:
@@ -74,7 +65,7 @@ def _reach(values: dict[str, Any], make_policy: Any, task: Any) -> dict[str, Any
         common.resolve_device(values["device"]),
         policy_name=values["policy"],
         num_envs=values["num_envs"],
-        scene=_load_scene(values["scene_file"]),
+        scene=common.load_scene_file(values["scene_file"]),
         scene_name=Path(values["scene_file"] or "").name,
         announce=common.announced,
     )
@@ -158,16 +149,6 @@ def _check_plot(plot: Any) -> None:
 
 def _are_angles(values: Any) -> bool:
     return isinstance(values, list) and all(type(v) in (int, float) and math.isfinite(v) for v in values)
-
-
-def _load_scene(path: str | None) -> Any:
-    if path is None:
-        return None
-    from spin_rl.scenes.scene_file import load_scene
-
-    if not Path(path).is_file():
-        raise ConfigError(f"scene: there is no file {path}")
-    return load_scene(Path(path))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from omegaconf import DictConfig
 
 from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.cli import common
-from spin_rl.cli.evaluate import _load_scene, _scene_file
 from spin_rl.config import ConfigError
 from spin_rl.paths import POLICY_DIR
 from spin_rl.tasks.build import env_config, plain
@@ -23,7 +22,7 @@ VIEWERS = ("viser", "native", "none")
 
 def main() -> None:
     """Entry point of the `spin-play` command."""
-    sys.argv[1:] = [_scene_file(argument) for argument in sys.argv[1:]]
+    sys.argv[1:] = [common.scene_file_argument(argument) for argument in sys.argv[1:]]
     common.run("play", play)
 
 
@@ -157,7 +156,7 @@ class Players:
         task = env_config(settings.for_policy(self._cfg, trained, self._overrides))
         key = f"{worlds} {task}"
         if key not in self._envs:
-            scene = _load_scene(options.scene_file)
+            scene = common.load_scene_file(options.scene_file)
             self._envs.clear()  # one environment at a time is enough
             with common.announced(f"Starting {worlds} world{'s' if worlds > 1 else ''} on {options.device}"):
                 self._envs[key] = NavEnv(

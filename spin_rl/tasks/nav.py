@@ -264,10 +264,12 @@ class NavEnv(VecEnv):
         self.episode_length_buf = wp.to_torch(self._episode_length)
         self.outcome = wp.to_torch(self._outcome)
         self.level = wp.to_torch(self._level)
+        # Positions at the end of the last step, before worlds that ended were reset, shape (num_envs, 13).
+        self.final_qpos = wp.to_torch(self._final_qpos)
         self._views = {
             "progress": wp.to_torch(self._progress),
             "goal_distance": wp.to_torch(self._goal_distance),
-            "qpos": wp.to_torch(self._final_qpos),
+            "qpos": self.final_qpos,
             "qvel": wp.to_torch(self._final_qvel),
             "done": wp.to_torch(self._done),
         }

@@ -133,7 +133,7 @@ class Player:
         ended = np.flatnonzero(done.cpu().numpy())
         last: dict[int, Snapshot] = {}
         if ended.size:
-            qpos, outcomes = self.env._final_qpos.numpy(), self.env.outcome.cpu().numpy()
+            qpos, outcomes = self.env.final_qpos.cpu().numpy(), self.env.outcome.cpu().numpy()
             for world in ended:
                 last[int(world)] = replace(
                     before[world],

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from spin_rl.cli import evaluate
+from spin_rl.cli import common, evaluate
 
 
 def run_main(monkeypatch, *arguments):
@@ -43,10 +43,10 @@ def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, 
 
 
 def test_scene_is_a_file_or_the_group():
-    assert evaluate._scene_file("scene=rooms/kitchen.yaml") == "scene_file=rooms/kitchen.yaml"
-    assert evaluate._scene_file("scene=nav") == "scene=nav"
-    assert evaluate._scene_file("scene.width=1.2") == "scene.width=1.2"
-    assert evaluate._scene_file("policy=zero") == "policy=zero"
+    assert common.scene_file_argument("scene=rooms/kitchen.yaml") == "scene_file=rooms/kitchen.yaml"
+    assert common.scene_file_argument("scene=nav") == "scene=nav"
+    assert common.scene_file_argument("scene.width=1.2") == "scene.width=1.2"
+    assert common.scene_file_argument("policy=zero") == "policy=zero"
 
 
 def test_zero_policy_end_to_end(device, tmp_path):
