@@ -3,7 +3,8 @@
 import pytest
 import warp as wp
 
-from spin_rl.tasks.nav import NavConfig, NavEnv
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.nav import NavEnv
 
 NUM_WORLDS = 8
 

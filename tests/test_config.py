@@ -12,7 +12,7 @@ from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.sim import SimConfig
 from spin_rl.tasks.build import env_config, plain
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 
 
 @cache

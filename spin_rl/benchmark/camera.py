@@ -18,7 +18,8 @@ from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, Cell, Policy, Poli
 from spin_rl.benchmark.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.config import ConfigError
 from spin_rl.tasks import episode
-from spin_rl.tasks.nav import NavConfig, NavEnv
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.nav import NavEnv
 
 _Z95 = 1.959963984540054
 

@@ -20,7 +20,8 @@ from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.benchmark.throughput import commit
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.tasks.nav import NavConfig, NavEnv
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.nav import NavEnv
 
 # Worlds in one batch: a CPU core has no use for more, and a GPU is full.
 _MAX_WORLDS = {"cpu": 600, "cuda": 16384}

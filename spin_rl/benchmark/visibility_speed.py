@@ -13,7 +13,7 @@ from spin_rl.scenes.generator import generate_layouts
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.graph import StepGraph
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 
 OBSTACLES = PoolSpec(num_walls=0, num_boxes=10, num_cylinders=4)
 MIN_WORLDS = 256

@@ -12,7 +12,7 @@ from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.params import GeneratorParams
 from spin_rl.sim import SimConfig
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.rewards import check_scales
 
 

@@ -15,7 +15,8 @@ from gymnasium.vector.utils import batch_space
 
 from spin_rl.tasks import episode
 from spin_rl.tasks.build import default_config
-from spin_rl.tasks.nav import NavConfig, NavEnv
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.nav import NavEnv
 
 ENV_ID = "spin_rl/Nav-v0"
 

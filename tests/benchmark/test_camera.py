@@ -15,7 +15,7 @@ from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks import episode
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 
 BLIND = (-3.14, 0.79)
 AHEAD = (0.0, -0.6)

@@ -16,7 +16,8 @@ from spin_rl.cli import bench, common
 from spin_rl.paths import CONF_DIR
 from spin_rl.runners.ppo import PPORunner
 from spin_rl.tasks.build import env_config, plain
-from spin_rl.tasks.nav import NavConfig, NavEnv
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.nav import NavEnv
 
 NUM_ENVS = 16
 TINY = ["num_envs=8", "seconds=0.1", "runner.num_steps_per_env=4", "runner.algorithm.num_learning_epochs=1"]

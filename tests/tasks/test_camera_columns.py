@@ -2,7 +2,8 @@
 
 import torch
 
-from spin_rl.tasks.nav import NavConfig, NavEnv
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.nav import NavEnv
 
 
 def test_a_frozen_camera_holds_its_columns_and_no_others(device):

@@ -7,7 +7,7 @@ import pytest
 import torch
 from nav_worlds import actions, assert_same, run
 
-from spin_rl.tasks.nav import CurriculumConfig, NavConfig
+from spin_rl.tasks.config import CurriculumConfig, NavConfig
 from spin_rl.tasks.observations import NoiseConfig
 
 

@@ -8,7 +8,7 @@ from nav_worlds import actions, assert_same, run
 from spin_rl.sim import SimConfig
 from spin_rl.sim.simulation import OVERFLOWS
 from spin_rl.tasks import episode, rewards
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 
 SICK = 2
 ALL_TERMS = NavConfig(reward=dict.fromkeys(rewards.TERMS, 1.0))

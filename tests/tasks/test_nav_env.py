@@ -11,7 +11,7 @@ from spin_rl import robot
 from spin_rl.scenes.builder import PARKED_Z_M, native_model
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.tasks import episode
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.observations import NoiseConfig
 
 NOISE = NoiseConfig(0.005, 0.02, 0.02, 0.02, 0.01)

@@ -8,7 +8,7 @@ from nav_worlds import actions, run
 
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.observations import GOAL_SCALE_M, GROUPS, PROPRIO, NoiseConfig
 
 DOF = {name: i for i, name in enumerate(robot.DOF_NAMES)}

@@ -8,7 +8,7 @@ from spin_rl import robot
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks import episode, rewards
 from spin_rl.tasks.build import env_config
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 
 
 def transition(**values) -> rewards.Transition:

@@ -3,7 +3,7 @@ import pytest
 from viewer_worlds import SCENE, snapshot
 
 from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
-from spin_rl.tasks.nav import NavConfig
+from spin_rl.tasks.config import NavConfig
 from spin_rl.viewer.plots import nearest, plot_episode, trace_of, write_plots
 from spin_rl.viewer.rollout import Player, scandots_of
 from spin_rl.viewer.video import play
