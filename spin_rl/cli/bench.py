@@ -126,16 +126,7 @@ def _check(values: dict[str, Any]) -> Path | None:
     seconds = values["seconds"]
     if type(seconds) not in (int, float) or not 0.0 < seconds < float("inf"):
         raise ConfigError(f"seconds: expected a positive number, got {seconds!r}")
-    if values["out"] is None:
-        return None
-    out = Path(str(values["out"]))
-    if out.is_dir():
-        raise ConfigError(f"out: {out} is a folder; name a file such as {out / 'bench.json'}")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"out: cannot make the folder {out.parent}: {error.strerror}") from None
-    return out
+    return common.output_file(values["out"], "bench.json")
 
 
 def _require_count(key: str, value: Any) -> None:

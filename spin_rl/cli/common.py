@@ -110,6 +110,28 @@ def scene_file_argument(argument: str) -> str:
     return f"scene_file={value}"
 
 
+def output_file(out: str | None, example: str) -> Path | None:
+    """Return the file that `out` names, its folder made; None for None.
+
+    Args:
+        out: The option's value.
+        example: File name for the message about a folder.
+
+    Raises:
+        ConfigError: It is a folder, or its folder cannot be made.
+    """
+    if out is None:
+        return None
+    path = Path(str(out))
+    if path.is_dir():
+        raise ConfigError(f"out: {path} is a folder; name a file such as {path / example}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"out: cannot make the folder {path.parent}: {error.strerror}") from None
+    return path
+
+
 def load_scene_file(name: str | None) -> Scene | None:
     """Read a user-written scene, or one of conf/scenes_examples by its file's name; None for None.
 

@@ -107,16 +107,7 @@ def _check(values: dict[str, Any]) -> Path | None:
     if not isinstance(seeds, list) or any(type(seed) is not int for seed in seeds):
         raise ConfigError(f"seeds: expected a list of whole numbers such as [0,1,2], got {seeds!r}")
     _check_analysis(values)
-    if values["out"] is None:
-        return None
-    out = Path(str(values["out"]))
-    if out.is_dir():
-        raise ConfigError(f"out: {out} is a folder; name a file such as {out / 'reach.json'}")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"out: cannot make the folder {out.parent}: {error.strerror}") from None
-    return out
+    return common.output_file(values["out"], "reach.json")
 
 
 def _check_analysis(values: dict[str, Any]) -> None:
