@@ -13,11 +13,11 @@ import warp as wp
 from spin_rl.scenes.clutter import Stretch, Used, place_obstacles
 from spin_rl.scenes.corridor import Slots, put_bent_walls, put_slot, put_straight_walls
 from spin_rl.scenes.layout import Layout, PoolSpec
+from spin_rl.scenes.motion import draw_motion
 from spin_rl.scenes.params import GeneratorParams, ParamsStruct, params_struct
 from spin_rl.scenes.start_pose import put_start
 
 NUM_WALLS = 6
-MOST_OBSTACLES = 5
 
 _FRONT = wp.constant(0.0585)
 _MIN_PITCH = wp.constant(0.4)
@@ -50,14 +50,16 @@ def generate_layouts(
         counter: Layouts drawn so far, shape (nworld,), int32; updated in place.
         mask: Worlds to rewrite, shape (nworld,), bool.
         scenario_choice: 0 either, 1 straight, 2 L-shaped, shape (nworld,), int32.
-        difficulty_choice: -1 any, 0 easy (0-1 obstacles), 1 medium (2-3), 2 hard (5), shape (nworld,), int32.
+        difficulty_choice: -1 any, 0 easy (0-1 obstacles), 1 medium (2-3), 2 hard (`params.hard_obstacles`),
+            shape (nworld,), int32.
         level: Curriculum in [0, 1], shape (nworld,): the corridor narrows from `easy_width` to `width`, and
-            with any difficulty up to 1 + 4 * level obstacles are placed. Benchmarks use 1.
+            with any difficulty at most 1 + level * (`params.hard_obstacles` - 1) obstacles are placed.
+            Benchmarks use 1.
 
     Raises:
         ValueError: If the pool is too small.
     """
-    _require_pool(layout.pool)
+    _require_pool(layout.pool, params)
     slots = Slots()
     for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
         setattr(slots, name, getattr(layout, name))
@@ -87,25 +89,27 @@ def generate_layouts(
         ],
         device=layout.device,
     )
+    if params.moves:
+        draw_motion(layout, params, seed=seed, counter=counter, mask=mask)
 
 
-def _require_pool(pool: PoolSpec) -> None:
+def _require_pool(pool: PoolSpec, params: GeneratorParams) -> None:
     if pool.num_walls < NUM_WALLS:
         raise ValueError(f"pool.num_walls must be at least {NUM_WALLS} for corridors, got {pool.num_walls}")
-    if pool.num_boxes < MOST_OBSTACLES:
+    if pool.num_boxes < params.hard_obstacles:
         raise ValueError(
-            f"pool.num_boxes must be at least {MOST_OBSTACLES} for corridors, got {pool.num_boxes}"
+            f"pool.num_boxes must be at least {params.hard_obstacles} for corridors, got {pool.num_boxes}"
         )
 
 
 @wp.func
-def _draw_count(difficulty: int, u: float) -> int:
+def _draw_count(difficulty: int, u: float, hard: int) -> int:
     """Obstacles of a difficulty, for a uniform number."""
     if difficulty == 0:
         return int(2.0 * u)
     if difficulty == 1:
         return 2 + int(2.0 * u)
-    return wp.static(MOST_OBSTACLES)
+    return hard
 
 
 @wp.func
@@ -191,11 +195,11 @@ def _generate(
     drawn_difficulty = wp.min(int(3.0 * wp.randf(state)), 2)
     u = wp.randf(state)
     if difficulty < 0:
-        most = 1 + int(4.0 * (1.0 - ease) + 0.001)
-        count = wp.min(_draw_count(drawn_difficulty, u), most)
+        most = 1 + int(float(p.hard_obstacles - 1) * (1.0 - ease) + 0.001)
+        count = wp.min(_draw_count(drawn_difficulty, u, p.hard_obstacles), most)
         difficulty = _difficulty_of(count)
     else:
-        count = _draw_count(difficulty, u)
+        count = _draw_count(difficulty, u, p.hard_obstacles)
     behind = wp.lerp(p.behind_start[0], p.behind_start[1], wp.randf(state))
     beyond = wp.lerp(p.beyond_goal[0], p.beyond_goal[1], wp.randf(state))
     height = wp.lerp(p.wall_height[0], p.wall_height[1], wp.randf(state))

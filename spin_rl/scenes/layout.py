@@ -67,13 +67,20 @@ class Scene:
 
     Attributes:
         pool: Number of slots of each kind.
-        pos: Slot centres [m], shape (nslot, 3).
+        pos: Slot centres [m], of moving slots where they are now, shape (nslot, 3).
         yaw: Slot yaws about z [rad], shape (nslot,).
         half_size: Half extents of boxes; (radius, radius, half height) of cylinders [m], shape (nslot, 3).
         active: Slots that exist, shape (nslot,), bool.
         start: Base pose (x [m], y [m], yaw [rad]), shape (3,).
         start_joints: Joint positions in `spin_rl.robot.JOINTS` order [m or rad], shape (8,).
         goal: Where the base should go [m], shape (2,).
+        home: Where a moving slot comes out farthest [m], shape (nslot, 3); of no meaning for the others.
+        retreat: From there to where it starts or turns back [m], shape (nslot, 2).
+        motion_speed: Speed of the slot [m/s], 0 for one that never moves, shape (nslot,).
+        motion_trigger: Distance of the base from `home` at which the slot comes out [m], shape (nslot,); 0
+            for one that slides to and fro.
+        motion_phase: Where in its period the latter starts, in [0, 1), 0 at the far end of `retreat`, shape
+            (nslot,).
         bend: 0 straight, 1 L-shaped.
         scenario: 1 or 2, the paper's scenarios.
         difficulty: 0 easy, 1 medium, 2 hard.
@@ -88,6 +95,11 @@ class Scene:
     start: np.ndarray
     start_joints: np.ndarray
     goal: np.ndarray
+    home: np.ndarray
+    retreat: np.ndarray
+    motion_speed: np.ndarray
+    motion_trigger: np.ndarray
+    motion_phase: np.ndarray
     bend: int = 0
     scenario: int = 1
     difficulty: int = 0
@@ -103,6 +115,11 @@ class Scene:
         """Which slots are cylinders, shape (nslot,), bool."""
         return np.arange(self.pool.num_slots) >= self.pool.first_cylinder
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything moves."""
+        return bool((self.motion_speed[self.active] > 0.0).any())
+
     @staticmethod
     def empty(pool: PoolSpec) -> Scene:
         """A scene without active slots, start and goal at the origin, joints at zero."""
@@ -116,6 +133,11 @@ class Scene:
             start=np.zeros(3),
             start_joints=np.zeros(NUM_JOINTS),
             goal=np.zeros(2),
+            home=np.zeros((n, 3)),
+            retreat=np.zeros((n, 2)),
+            motion_speed=np.zeros(n),
+            motion_trigger=np.zeros(n),
+            motion_phase=np.zeros(n),
         )
 
 
@@ -123,7 +145,7 @@ class Layout:
     """The scenes of all worlds on one device. Arrays are allocated once and written in place.
 
     Attributes:
-        pos: Slot centres [m], shape (nworld, nslot), vec3.
+        pos: Slot centres [m], of moving slots where they are now, shape (nworld, nslot), vec3.
         yaw: Slot yaws about z [rad], shape (nworld, nslot).
         half_size: Half extents of boxes; (radius, radius, half height) of cylinders [m], shape (nworld,
             nslot), vec3.
@@ -137,13 +159,24 @@ class Layout:
         scenario: 1 or 2, the paper's scenarios, shape (nworld,), int32.
         difficulty: 0 easy, 1 medium, 2 hard, shape (nworld,), int32.
         num_obstacles: Obstacles between start and goal; distractors do not count, shape (nworld,), int32.
+        home, retreat, motion_speed, motion_trigger, motion_phase: How slots move, see `Scene`, shape (nworld,
+            nslot), vec3, vec2 and float; `motion.py` draws them and moves the slots.
+        moved: Way that moving slots went since the start [m], shape (nworld, nslot).
     """
 
-    _PER_WORLD = (
+    _PER_SLOT = (
         "pos",
         "yaw",
         "half_size",
         "active",
+        "home",
+        "retreat",
+        "motion_speed",
+        "motion_trigger",
+        "motion_phase",
+    )
+    _PER_WORLD = (
+        *_PER_SLOT,
         "start",
         "start_joints",
         "goal",
@@ -180,6 +213,12 @@ class Layout:
             self.scenario = wp.full(nworld, 1, dtype=wp.int32)
             self.difficulty = wp.zeros(nworld, dtype=wp.int32)
             self.num_obstacles = wp.zeros(nworld, dtype=wp.int32)
+            self.home = wp.zeros(shape, dtype=wp.vec3)
+            self.retreat = wp.zeros(shape, dtype=wp.vec2)
+            self.motion_speed = wp.zeros(shape, dtype=float)
+            self.motion_trigger = wp.zeros(shape, dtype=float)
+            self.motion_phase = wp.zeros(shape, dtype=float)
+            self.moved = wp.zeros(shape, dtype=float)
 
     def scene(self, world: int) -> Scene:
         """Copy one world to the host."""
@@ -233,7 +272,7 @@ def _fit(scene: Scene, pool: PoolSpec) -> Scene:
         count = getattr(scene.pool, kind)
         if count > getattr(pool, kind):
             raise ValueError(f"the scene needs pool.{kind} = {count}, the pool has {getattr(pool, kind)}")
-        for name in ("pos", "yaw", "half_size", "active"):
+        for name in Layout._PER_SLOT:
             getattr(fitted, name)[fitted_first : fitted_first + count] = getattr(scene, name)[
                 first : first + count
             ]

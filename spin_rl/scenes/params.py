@@ -9,6 +9,14 @@ from functools import lru_cache
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.scenes.layout import PoolSpec
+
+HIDDEN_DEPTH_M = 0.03
+"""How deep inside its wall an obstacle waits; a wall hides what lies 15 mm behind its face."""
+
+# How far the driving robot, arm stowed, extends ahead of its origin, with a margin.
+_REACH_M = 0.4
+_FASTEST_M_S = max(profile.forward_max for profile in robot.SPEED_PROFILES.values())
 
 vec8 = wp.types.vector(length=8, dtype=float)
 
@@ -44,6 +52,7 @@ class GeneratorParams:
         cylinder_share: Share of floor obstacles that are cylinders.
         standing_share: Share of boxes that stand away from the wall, where enough room remains.
         corner_share: Share of L-shaped corridors whose first obstacle after the corner is hidden behind it.
+        hard_obstacles: Obstacles of a hard corridor.
         protrusion: How far an obstacle reaches into the corridor, further limited by `passage`.
         standing_width: Size across of boxes that stand away from the wall.
         half_length: Half the size along of boxes.
@@ -56,6 +65,10 @@ class GeneratorParams:
         head_bottom: Bottom of obstacles at head height.
         head_thickness: Height of the body of obstacles at head height.
         max_distractors: Most boxes placed outside the walls; at least one.
+        emerging_share: Share of obstacles that stay inside their wall until the base comes near.
+        patrolling_share: Share of obstacles that slide to and fro all the time.
+        emerging_trigger: Distance of the base at which an obstacle starts to come out of its wall.
+        motion_speed: Speed of obstacles that move [m/s].
         start_y: Largest offset of the start from the corridor's centre line, either way.
         start_clearance: Smallest distance of the start pose to anything.
         start_tries: Start poses drawn before the aligned, stowed one is taken.
@@ -90,6 +103,7 @@ class GeneratorParams:
     cylinder_share: float = 0.3
     standing_share: float = 0.3
     corner_share: float = 0.5
+    hard_obstacles: int = 5
     protrusion: tuple[float, float] = (0.12, 0.6)
     standing_width: tuple[float, float] = (0.12, 0.3)
     half_length: tuple[float, float] = (0.05, 0.2)
@@ -102,6 +116,10 @@ class GeneratorParams:
     head_bottom: tuple[float, float] = (1.05, 1.25)
     head_thickness: tuple[float, float] = (0.2, 0.4)
     max_distractors: int = 2
+    emerging_share: float = 0.0
+    patrolling_share: float = 0.0
+    emerging_trigger: tuple[float, float] = (1.3, 1.9)
+    motion_speed: tuple[float, float] = (0.8, 1.2)
     start_y: float = 0.15
     start_clearance: float = 0.05
     start_tries: int = 16
@@ -168,6 +186,12 @@ class GeneratorParams:
             min(shares) >= 0.0 and sum(shares) <= 1.0,
             f"scene.tall_share, arm_share, head_share must be at least 0 and sum to at most 1, got {shares}",
         )
+        most = PoolSpec().num_boxes
+        _require(
+            4 <= self.hard_obstacles <= most,
+            f"scene.hard_obstacles must be in [4, {most}], got {self.hard_obstacles}",
+        )
+        self._check_motion()
         for name, joint in _START_RANGES.items():
             if name in _ABSOLUTE_RANGES:
                 index = robot.JOINTS.index(joint)
@@ -178,9 +202,33 @@ class GeneratorParams:
                     f"scene.{name} must lie within the joint's limits ({low}, {high}), got {value}",
                 )
 
+    @property
+    def moves(self) -> bool:
+        """Whether any obstacle can move."""
+        return self.emerging_share > 0.0 or self.patrolling_share > 0.0
+
+    def _check_motion(self) -> None:
+        shares = (self.emerging_share, self.patrolling_share)
+        _require(
+            min(shares) >= 0.0 and sum(shares) <= 1.0,
+            f"scene.emerging_share, patrolling_share must be at least 0 and sum to at most 1, got {shares}",
+        )
+        slowest = self.motion_speed[0]
+        _require(slowest > 0.0, f"scene.motion_speed must be positive, got {self.motion_speed}")
+        # An obstacle shall be out of its wall before even the fastest robot is beside it.
+        way_out = min(self.protrusion[1], self.easy_width - self.passage) + HIDDEN_DEPTH_M
+        needed = _REACH_M + self.half_length[1] + _FASTEST_M_S * way_out / slowest
+        _require(
+            self.emerging_share == 0.0 or self.emerging_trigger[0] >= needed,
+            f"scene.emerging_trigger must be at least {needed:.2f} for scene.motion_speed from {slowest}, "
+            f"got {self.emerging_trigger}",
+        )
+
 
 # Ranges of the start pose, in the order of robot.JOINTS; the rest of them is relative to the stowed pose.
 _START_RANGES = {f"start_{joint}": joint for joint in robot.JOINTS}
+# Read by the kernel in motion.py, which draws them from random numbers of its own.
+_MOTION = ("emerging_share", "patrolling_share", "emerging_trigger", "motion_speed")
 _ABSOLUTE_RANGES = ("start_lift", "start_arm_extension", "start_head_pan", "start_head_tilt")
 
 
@@ -209,6 +257,7 @@ class ParamsStruct:
     cylinder_share: float
     standing_share: float
     corner_share: float
+    hard_obstacles: int
     protrusion: wp.vec2
     standing_width: wp.vec2
     half_length: wp.vec2
@@ -234,7 +283,7 @@ def params_struct(params: GeneratorParams) -> ParamsStruct:
     """The kernel's copy of the parameters."""
     struct = ParamsStruct()
     for field in fields(params):
-        if field.name in _START_RANGES:
+        if field.name in (*_START_RANGES, *_MOTION):
             continue
         value = getattr(params, field.name)
         setattr(struct, field.name, wp.vec2(*value) if isinstance(value, tuple) else value)

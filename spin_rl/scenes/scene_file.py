@@ -10,11 +10,15 @@ All lengths in metres, angles in radians, in the world frame (z up, floor at 0):
     boxes:
       - {position: [2, 0.3, 1.3], size: [0.3, 0.4, 0.2]}
     cylinders:
-      - {position: [3, -0.3], radius: 0.1, height: 0.2}
+      - {position: [3, -0.3], radius: 0.1, height: 0.2, motion: {to: [3, 0.3], speed: 1, trigger: 1.5}}
 
 A position is the centre; without a z the thing stands on the floor. A size is the full extent along the
 thing's own x, y and z. Walls are boxes that the robot perceives piece by piece: use them for what is longer
 than about 2 m.
+
+A box or cylinder with a motion starts at its position. With a trigger it goes straight to ``to``, and stays
+there, as soon as the base is nearer to that place than the trigger; without one it goes to and fro all the
+time.
 """
 
 from __future__ import annotations
@@ -127,11 +131,14 @@ def layout_from_scene(scene: Scene, nworld: int, device: str) -> Layout:
 def _read_slot(scene: Scene, slot: int, entry: Any, where: str) -> None:
     """Read one wall, box or cylinder into a slot."""
     if where.startswith("cylinders"):
-        values = _mapping(entry, where, ("position", "radius", "height"), required="all")
+        keys = ("position", "radius", "height")
+        values = _mapping(entry, where, (*keys, "motion"), required=keys)
         radius = _positive(values["radius"], f"{where}.radius")
         half = np.array([radius, radius, 0.5 * _positive(values["height"], f"{where}.height")])
     else:
-        values = _mapping(entry, where, ("position", "size", "yaw"), required=("position", "size"))
+        keys = ("position", "size", "yaw")
+        may_move = () if where.startswith("walls") else ("motion",)
+        values = _mapping(entry, where, (*keys, *may_move), required=keys[:2])
         size = _numbers(values["size"], f"{where}.size", (3,))
         if min(size) <= 0.0:
             raise ConfigError(f"{where}.size: must be positive, got {values['size']!r}")
@@ -141,6 +148,20 @@ def _read_slot(scene: Scene, slot: int, entry: Any, where: str) -> None:
     scene.pos[slot] = (*position, half[2])[:3]
     scene.half_size[slot] = half
     scene.active[slot] = True
+    if values.get("motion") is not None:
+        _read_motion(scene, slot, values["motion"], f"{where}.motion")
+
+
+def _read_motion(scene: Scene, slot: int, entry: Any, where: str) -> None:
+    """Read how a slot moves; its position, where it starts, is in the scene already."""
+    values = _mapping(entry, where, ("to", "speed", "trigger"), required=("to", "speed"))
+    scene.home[slot] = (*_numbers(values["to"], f"{where}.to", (2,)), scene.pos[slot, 2])
+    scene.retreat[slot] = (scene.pos[slot] - scene.home[slot])[:2]
+    if not scene.retreat[slot].any():
+        raise ConfigError(f"{where}.to: must differ from the position, got {values['to']!r}")
+    scene.motion_speed[slot] = _positive(values["speed"], f"{where}.speed")
+    if "trigger" in values:
+        scene.motion_trigger[slot] = _positive(values["trigger"], f"{where}.trigger")
 
 
 def _joints(content: Any) -> list[float]:
@@ -167,8 +188,11 @@ def _check_free(scene: Scene) -> None:
         first, second = (model.geom(int(geom)).name for geom in contact.geom)
         if contact.dist < 0.0:
             raise ConfigError(f"start: the robot is in collision ({first} touches {second})")
-    for slot in np.flatnonzero(scene.active & (scene.pos[:, 2] - scene.half_size[:, 2] < 0.2)):
-        dx, dy = scene.goal - scene.pos[slot, :2]
+    stays = np.where(scene.motion_trigger[:, None] > 0.0, scene.home, scene.pos)
+    leaves = (scene.motion_speed > 0.0) & (scene.motion_trigger == 0.0)
+    on_floor = scene.pos[:, 2] - scene.half_size[:, 2] < 0.2
+    for slot in np.flatnonzero(scene.active & on_floor & ~leaves):
+        dx, dy = scene.goal - stays[slot, :2]
         c, s = math.cos(scene.yaw[slot]), math.sin(scene.yaw[slot])
         local = np.abs((c * dx + s * dy, c * dy - s * dx))
         half = scene.half_size[slot]
@@ -178,14 +202,14 @@ def _check_free(scene: Scene) -> None:
 
 
 def _mapping(
-    value: Any, where: str, allowed: tuple[str, ...], required: tuple[str, ...] | str = ()
+    value: Any, where: str, allowed: tuple[str, ...], required: tuple[str, ...] = ()
 ) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise ConfigError(f"{where}: expected keys {', '.join(allowed)}, got {_short(value)}")
     for key in value:
         if key not in allowed:
             raise ConfigError(f"{where}: unknown key {_short(key)}; choose from {', '.join(allowed)}")
-    for key in allowed if required == "all" else required:
+    for key in required:
         if key not in value:
             raise ConfigError(f"{where}: {key} is missing")
     return value

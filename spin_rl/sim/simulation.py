@@ -12,6 +12,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.builder import add_pool, write_geoms
 from spin_rl.scenes.layout import Layout, PoolSpec
+from spin_rl.scenes.motion import move_slots, restart_motion
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.reset import set_start_state
 from spin_rl.warp_kernels.contacts import clear_part_contacts, part_contacts
@@ -123,7 +124,14 @@ class Simulation:
     """
 
     def __init__(
-        self, nworld: int, pool: PoolSpec, profile: robot.SpeedProfile, config: SimConfig, device: str
+        self,
+        nworld: int,
+        pool: PoolSpec,
+        profile: robot.SpeedProfile,
+        config: SimConfig,
+        device: str,
+        *,
+        moving: bool = False,
     ) -> None:
         """Compile the model and allocate every world.
 
@@ -133,8 +141,10 @@ class Simulation:
             profile: Speed limits of the robot.
             config: Physics options.
             device: Warp device, "cpu" or "cuda:N".
+            moving: Whether obstacles may move; otherwise nothing is launched for it.
         """
         self.nworld = nworld
+        self._moving = moving
         self.device = device
         self.config = config
         self.layout = Layout(nworld, pool, device)
@@ -180,7 +190,7 @@ class Simulation:
         )
 
     def advance(self) -> None:
-        """Run one control step: drive and physics for every substep, then flag contacts.
+        """Run one control step: drive, moving obstacles and physics for every substep, then flag contacts.
 
         A flag is set if there was contact in any substep. mujoco_warp finds contacts at the start of a
         substep, so what begins in the last one shows in the next control step.
@@ -197,6 +207,14 @@ class Simulation:
                 base_velocity=self.base_velocity,
                 ctrl=self.data.ctrl,
             )
+            if self._moving:
+                move_slots(
+                    self.layout,
+                    self.data.qpos,
+                    self.config.timestep,
+                    self._scene_geoms,
+                    self.data.geom_xpos,
+                )
             mjw.step(self.model, self.data)
             part_contacts(
                 self.data.contact.geom,
@@ -216,6 +234,8 @@ class Simulation:
         Args:
             mask: Worlds to reset, shape (nworld,), bool.
         """
+        if self._moving:
+            restart_motion(self.layout, mask)
         write_geoms(
             self.layout,
             self._scene_geoms,

@@ -33,8 +33,9 @@ class WorldView:
         self._scene_api = server.scene
         self._stage = stage
         self._name = name
-        self._episode_scene: Scene | None = None
-        self._slots: list[Any] = []
+        self._scene: Scene | None = None
+        self._goal: Any = None
+        self._slots: dict[int, Any] = {}
         self._root = server.scene.add_frame(name, show_axes=False)
         self._bodies = self._add_robot()
         # Two clouds: what is seen is drawn larger.
@@ -52,16 +53,21 @@ class WorldView:
         self._frustum = self._add_frustum(stage.depth_camera().tan_half_fov)
 
     def update(self, snapshot: Snapshot, origin: np.ndarray) -> None:
-        """Show a snapshot; a new scene replaces the old one.
+        """Show a snapshot; a new scene replaces the old one, and what moves is moved.
 
         Args:
             snapshot: What to show.
             origin: Where to show the world's origin (x, y) [m], shape (2,).
         """
         self._root.position = (*origin, 0.0)
-        if snapshot.scene is not self._episode_scene:
-            self._episode_scene = snapshot.scene
-            self._add_scene(snapshot.scene)
+        scene, before = snapshot.scene, self._scene
+        if scene is not before:
+            self._scene = scene
+            # Scenes of one episode share everything but the positions.
+            if before is None or scene.half_size is not before.half_size:
+                self._add_scene(scene)
+            for slot, handle in self._slots.items():
+                handle.position = scene.pos[slot]
         stage = self._stage
         stage.pose(snapshot)
         for body, handle in self._bodies.items():
@@ -107,34 +113,32 @@ class WorldView:
         )
 
     def _add_scene(self, scene: Scene) -> None:
-        for handle in self._slots:
-            handle.remove()
-        self._slots = [
-            self._scene_api.add_cylinder(
-                f"{self._name}/goal",
-                radius=0.15,
-                height=0.01,
-                color=style.GOAL,
-                position=(*scene.goal, 0.005),
-                cast_shadow=False,
-            )
-        ]
+        for handle in (self._goal, *self._slots.values()):
+            if handle is not None:
+                handle.remove()
+        self._goal = self._scene_api.add_cylinder(
+            f"{self._name}/goal",
+            radius=0.15,
+            height=0.01,
+            color=style.GOAL,
+            position=(*scene.goal, 0.005),
+            cast_shadow=False,
+        )
+        self._slots = {}
         names, colours = scene.pool.geom_names(), style.slot_colours(scene)
         for slot in np.flatnonzero(scene.active):
             half, yaw, wall = scene.half_size[slot], 0.5 * scene.yaw[slot], bool(scene.is_wall[slot])
             cylinder = bool(scene.is_cylinder[slot])
-            self._slots.append(
-                _add_geom(
-                    self._scene_api,
-                    f"{self._name}/scene/{names[slot]}",
-                    mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_BOX,
-                    (half[0], half[2], 0.0) if cylinder else half,
-                    colours[slot],
-                    position=scene.pos[slot],
-                    wxyz=(np.cos(yaw), 0.0, 0.0, np.sin(yaw)),
-                    opacity=_WALL_OPACITY if wall else None,
-                    cast_shadow=not wall,
-                )
+            self._slots[int(slot)] = _add_geom(
+                self._scene_api,
+                f"{self._name}/scene/{names[slot]}",
+                mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_BOX,
+                (half[0], half[2], 0.0) if cylinder else half,
+                colours[slot],
+                position=scene.pos[slot],
+                wxyz=(np.cos(yaw), 0.0, 0.0, np.sin(yaw)),
+                opacity=_WALL_OPACITY if wall else None,
+                cast_shadow=not wall,
             )
 
 

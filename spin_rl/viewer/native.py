@@ -45,8 +45,7 @@ def show(player: Player) -> None:
         with mujoco.viewer.launch_passive(model, data) as window:
             for snapshot in next(play(player, 1)):
                 due = time.monotonic() + period
-                data.qpos[:] = snapshot.qpos
-                mujoco.mj_forward(model, data)
+                pose(model, data, snapshot)
                 with window.lock():
                     draw_scandots(window.user_scn, snapshot)
                 window.sync()
@@ -54,6 +53,16 @@ def show(player: Player) -> None:
                     return
                 time.sleep(max(0.0, due - time.monotonic()))
         print(f"  {snapshot.outcome} after {snapshot.time:.1f} s", flush=True)
+
+
+def pose(model: mujoco.MjModel, data: mujoco.MjData, snapshot: Snapshot) -> None:
+    """Put the robot, and obstacles that move, where they are in a snapshot of the model's scene."""
+    data.qpos[:] = snapshot.qpos
+    mujoco.mj_forward(model, data)
+    scene = snapshot.scene
+    names = scene.pool.geom_names()
+    for slot in np.flatnonzero(scene.active & (scene.motion_speed > 0.0)):
+        data.geom(names[slot]).xpos[:] = scene.pos[slot]
 
 
 def draw_scandots(scene: mujoco.MjvScene, snapshot: Snapshot) -> None:

@@ -31,11 +31,9 @@ class Plan:
         self._scene = scene
         self._size = (width, height)
         self._slots = [
-            (slot, footprint(scene, slot), colour)
-            for slot, colour in enumerate(style.slot_colours(scene))
-            if scene.active[slot]
+            (slot, colour) for slot, colour in enumerate(style.slot_colours(scene)) if scene.active[slot]
         ]
-        walls = [shape for slot, shape, _ in self._slots if scene.is_wall[slot]]
+        walls = [footprint(scene, slot) for slot, _ in self._slots if scene.is_wall[slot]]
         points = np.concatenate([*walls, scene.start[None, :2], scene.goal[None]])
         low, high = points.min(0) - _MARGIN_M, points.max(0) + _MARGIN_M
         self._scale = float(min(np.array(self._size) / (high - low)))
@@ -56,7 +54,8 @@ class Plan:
         canvas = Canvas(*self._size)
         scale = self._scale
         canvas.polygon(self.pixels(self._scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
-        for slot, shape, colour in self._slots:
+        for slot, colour in self._slots:
+            shape = footprint(snapshot.scene, slot)  # where it is now
             canvas.polygon(self.pixels(shape), colour, alpha=255 if self._scene.is_wall[slot] else 210)
         frustum = stage.depth_camera().frustum(FRUSTUM_LENGTH_M)
         canvas.polygon(self.pixels(_hull(frustum[:, :2])), style.FRUSTUM, alpha=110)

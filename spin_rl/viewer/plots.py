@@ -48,8 +48,6 @@ class Trace:
 
 def trace_of(snapshots: Sequence[Snapshot]) -> Trace:
     """Measure one episode."""
-    scene = snapshots[0].scene
-    qpos = np.array([snapshot.qpos for snapshot in snapshots])
 
     def joint(name: str) -> np.ndarray:
         return np.array([snapshot.joint(name) for snapshot in snapshots])
@@ -60,7 +58,10 @@ def trace_of(snapshots: Sequence[Snapshot]) -> Trace:
         tilt=joint("head_tilt"),
         lift=joint("lift"),
         extension=joint("arm_outer") + joint("arm_inner"),
-        distance={name: nearest(scene, qpos[:, :2], levels) for name, levels in GROUPS.items()},
+        distance={
+            name: np.concatenate([nearest(s.scene, s.qpos[None, :2], levels) for s in snapshots])
+            for name, levels in GROUPS.items()
+        },
     )
 
 

@@ -35,7 +35,8 @@ class Snapshot:
     """One world at one time.
 
     Attributes:
-        scene: What stands in the world; the same object for all snapshots of an episode.
+        scene: What stands in the world. The same object for all snapshots of an episode; where something
+            moves, one per snapshot, and only their positions differ.
         episode: Number of the episode in its world, from 0.
         time: Since the start of the episode [s].
         qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
@@ -153,6 +154,12 @@ class Player:
 
     def _read(self) -> list[Snapshot]:
         qpos = self.env.sim.data.qpos.numpy().astype(float)
+        if any(scene.moves for scene in self._scenes):
+            pos = self.env.sim.layout.pos.numpy().astype(float)
+            self._scenes = [
+                replace(scene, pos=pos[world]) if scene.moves else scene
+                for world, scene in enumerate(self._scenes)
+            ]
         known, visible = self.env.scandots.all.numpy(), self.env.scandots.visible.numpy()
         return [
             Snapshot(

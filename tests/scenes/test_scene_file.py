@@ -4,11 +4,13 @@ import copy
 
 import numpy as np
 import pytest
+import warp as wp
 import yaml
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.scenes.motion import restart_motion
 from spin_rl.scenes.planner import find_path
 from spin_rl.scenes.scene_file import layout_from_scene, load_scene, scene_pool
 
@@ -22,6 +24,9 @@ GOOD = {
     "boxes": [{"position": [2.0, 0.0, 1.3], "size": [0.3, 0.4, 0.2], "yaw": -0.5}],
     "cylinders": [{"position": [3, 0], "radius": 0.1, "height": 0.4}],
 }
+
+
+MOTION = {"to": [1.0, 1.0], "speed": 1.0}
 
 
 def write(tmp_path, content):
@@ -68,6 +73,35 @@ def test_numbers_arrive_where_they_belong(tmp_path, device):
         )
 
 
+def test_motion_arrives_where_it_belongs(tmp_path, device):
+    comes = {"to": [2.0, 0.5], "speed": 0.8, "trigger": 1.2}
+    content = changed("boxes", 0, "motion", value=comes)
+    content["cylinders"][0]["motion"] = {"to": [3, -1], "speed": 1}
+    layout = layout_from_scene(load_scene(write(tmp_path, content)), 2, device)
+    for world in range(2):
+        scene = layout.scene(world)
+        np.testing.assert_allclose(scene.pos, [(2, 2, 0.75), (2, 0, 1.3), (3, 0, 0.2)], atol=1e-6)
+        np.testing.assert_allclose(scene.home[1:], [(2, 0.5, 1.3), (3, -1, 0.2)], atol=1e-6)
+        np.testing.assert_allclose(scene.home[1:, :2] + scene.retreat[1:], scene.pos[1:, :2], atol=1e-6)
+        np.testing.assert_allclose(scene.motion_speed, [0, 0.8, 1], atol=1e-6)
+        np.testing.assert_allclose(scene.motion_trigger, [0, 1.2, 0], atol=1e-6)
+        assert scene.moves
+    # It starts at its position.
+    restart_motion(layout, wp.full(2, True, dtype=bool, device=device))
+    np.testing.assert_allclose(layout.pos.numpy()[1], scene.pos, atol=1e-6)
+
+
+def test_the_goal_may_lie_where_something_is_only_for_a_time(tmp_path):
+    away = changed("cylinders", 0, "motion", value={"to": [3.0, 2.0], "speed": 1.0})
+    away["goal"] = [3.0, 0.05]
+    load_scene(write(tmp_path, away))
+    away["cylinders"][0]["motion"]["trigger"] = 2.0
+    load_scene(write(tmp_path, away))
+    away["goal"] = [3.0, 2.05]
+    with pytest.raises(ConfigError, match="goal: lies inside cylinder_0"):
+        load_scene(write(tmp_path, away))
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_load_and_can_be_solved(path):
     assert find_path(load_scene(path)) is not None
@@ -97,6 +131,31 @@ BAD = {
     "radius on a box": (changed("boxes", 0, "radius", value=1), r"boxes\[0\]: unknown key 'radius'"),
     "missing goal": (changed("goal", delete=True), "goal is missing"),
     "missing size": (changed("walls", 0, "size", delete=True), r"walls\[0\]: size is missing"),
+    "moving wall": (changed("walls", 0, "motion", value=MOTION), r"walls\[0\]: unknown key 'motion'"),
+    "motion without speed": (
+        changed("boxes", 0, "motion", value={"to": [1, 1]}),
+        r"boxes\[0\].motion: speed is missing",
+    ),
+    "motion upwards": (
+        changed("boxes", 0, "motion", value=MOTION | {"to": [1, 1, 1]}),
+        r"boxes\[0\].motion.to: expected a list of 2",
+    ),
+    "motion that stands": (
+        changed("boxes", 0, "motion", value=MOTION | {"speed": 0}),
+        r"boxes\[0\].motion.speed: must be positive",
+    ),
+    "motion to where it is": (
+        changed("boxes", 0, "motion", value=MOTION | {"to": [2.0, 0.0]}),
+        r"boxes\[0\].motion.to: must differ from the position",
+    ),
+    "motion that never starts": (
+        changed("cylinders", 0, "motion", value=MOTION | {"trigger": -1}),
+        r"cylinders\[0\].motion.trigger: must be positive",
+    ),
+    "motion with a typing error": (
+        changed("cylinders", 0, "motion", value=MOTION | {"sped": 1}),
+        r"cylinders\[0\].motion: unknown key 'sped'",
+    ),
     "missing height": (changed("cylinders", 0, "height", delete=True), r"cylinders\[0\]: height is missing"),
     "short size": (changed("boxes", 0, "size", value=[1.0, 1.0]), r"boxes\[0\].size: expected a list of 3"),
     "long position": (changed("boxes", 0, "position", value=[1, 1, 1, 1]), r"boxes\[0\].position: .* 2 or 3"),

@@ -23,9 +23,10 @@ def scene_with(box=None, half_size=0.1, start=(0.0, 0.0, 0.0), joints=STOWED) ->
     return scene
 
 
-def simulate(scenes, device, config=None, profile="paper") -> Simulation:
+def simulate(scenes, device, config=None, profile="paper", **options) -> Simulation:
     """A simulation of one world per scene, at their starts."""
-    sim = Simulation(len(scenes), POOL, robot.SPEED_PROFILES[profile], config or SimConfig(), device)
+    config = config or SimConfig()
+    sim = Simulation(len(scenes), POOL, robot.SPEED_PROFILES[profile], config, device, **options)
     for world, scene in enumerate(scenes):
         sim.layout.load(scene, world)
     restart(sim)

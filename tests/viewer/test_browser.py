@@ -1,4 +1,5 @@
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,9 +47,8 @@ def test_world_view_places_bodies_slots_and_overlays(server):
     for body, handle in view._bodies.items():
         np.testing.assert_allclose(handle.position, stage.data.xpos[body])
         np.testing.assert_allclose(handle.wxyz, stage.data.xquat[body])
-    names = [handle.name for handle in view._slots]
-    assert names[0] == "/world_0/goal" and len(names) == 1 + SCENE.active.sum()
-    walls = [handle for handle in view._slots if "/wall_" in handle.name]
+    assert view._goal.name == "/world_0/goal" and len(view._slots) == SCENE.active.sum()
+    walls = [handle for handle in view._slots.values() if "/wall_" in handle.name]
     assert all(wall.opacity < 0.5 for wall in walls) and len(walls) == 2
     seen, unseen = view._dots[True], view._dots[False]
     np.testing.assert_allclose(seen.points, state.scandots.points[:1])
@@ -65,12 +65,24 @@ def test_world_view_places_bodies_slots_and_overlays(server):
 def test_a_new_scene_replaces_the_old_one(server):
     view = WorldView(server, Stage(POOL, "portrait"), "/world_0")
     view.update(snapshot(), np.zeros(2))
-    before = list(view._slots)
+    before = dict(view._slots)
     view.update(snapshot(time=0.1), np.zeros(2))
     assert view._slots == before  # the same scene: sent once
-    view._episode_scene = None
+    view._scene = None
     view.update(snapshot(), np.zeros(2))
-    assert not set(map(id, view._slots)) & set(map(id, before)) and len(view._slots) == len(before)
+    assert view._slots.keys() == before.keys()
+    assert not set(map(id, view._slots.values())) & set(map(id, before.values()))
+
+
+def test_what_moves_is_moved_and_not_sent_again(server):
+    view = WorldView(server, Stage(POOL, "portrait"), "/world_0")
+    view.update(snapshot(), np.zeros(2))
+    before = dict(view._slots)
+    pos = SCENE.pos + (0.0, 0.1, 0.0)
+    view.update(replace(snapshot(time=0.1), scene=replace(SCENE, pos=pos)), np.zeros(2))
+    assert view._slots == before
+    for slot, handle in view._slots.items():
+        np.testing.assert_allclose(handle.position, pos[slot])
 
 
 def test_panel_runs_resets_and_changes_cells(browser, make_nav_env):

@@ -28,6 +28,8 @@ from spin_rl.viewer.native import draw_scandots
         (["policy=zero", "video=."], "video: "),
         (["policy=zero", "plots=a-file"], "plots: a-file is no folder"),
         (["policy=zero", "port=http"], "port: expected a whole number"),
+        (["policy=zero", "world=-1"], "world: expected a whole number from 0 to 19999, got -1"),
+        (["policy=zero", "world=3", "scene=lab.yaml"], "world: a scene file is the same in every world"),
         (["policy=zero", "device=tpu"], "device: unknown device 'tpu'"),
         (["policy=zero", "viewer=none", "scene=missing.yaml"], "scene: there is no file missing.yaml"),
         (["policy=zero", "viwer=none"], "viwer"),

@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from viewer_worlds import SCENE, snapshot
 
 from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
+from spin_rl.scenes.params import GeneratorParams
 from spin_rl.tasks.config import NavConfig
-from spin_rl.viewer.plots import nearest, plot_episode, trace_of, write_plots
+from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
 from spin_rl.viewer.rollout import Player, scandots_of
 from spin_rl.viewer.video import play
 
@@ -41,6 +44,29 @@ def test_player_shows_the_state_that_ended_an_episode(make_nav_env):
         assert new.episode == 1 and new.time == 0.0 and new.scene is not last.scene
         np.testing.assert_allclose(new.qpos[:3], new.scene.start, atol=1e-6)
     assert len(player.ended) == 2
+
+
+def test_scenes_of_snapshots_follow_what_moves(make_nav_env):
+    params = GeneratorParams(patrolling_share=1.0)
+    env = make_nav_env(NavConfig(scene=params), num_envs=2, seed=5)
+    player = Player(env, ZeroPolicy())
+    first, second = player.start(1, 2, seed=5), player.step()
+    for world, (a, b) in enumerate(zip(first, second, strict=True)):
+        moving = a.scene.motion_speed > 0.0
+        travelled = np.linalg.norm(b.scene.pos - a.scene.pos, axis=1)
+        assert moving.any() and (travelled[moving] > 0.0).all() and not travelled[~moving].any()
+        assert (travelled <= 0.1 * a.scene.motion_speed + 1e-5).all()
+        np.testing.assert_allclose(b.scene.pos, env.sim.layout.scene(world).pos)
+        assert b.scene.half_size is a.scene.half_size  # one episode
+
+
+def test_distances_of_a_trace_are_to_where_things_are(make_nav_env):
+    near, far = snapshot(), snapshot(time=0.1)
+    pos = SCENE.pos.copy()
+    pos[SCENE.pool.first_box, 0] += 1.0
+    trace = trace_of([near, replace(far, scene=replace(SCENE, pos=pos))])
+    low = next(name for name, levels in GROUPS.items() if "low" in levels)
+    assert trace.distance[low][1] - trace.distance[low][0] > 0.5
 
 
 def test_a_seed_gives_the_same_episodes_again(make_nav_env):
