@@ -82,7 +82,7 @@ def analyse_camera(
         ValueError: No episode was long enough to tell the camera's mean pose.
     """
     nworld = len(cells) * episodes
-    _check(episodes, seeds, nworld, num_envs)
+    check_one_batch(episodes, seeds, nworld, num_envs)
     for variant in held:
         check_pose(variant)
     start = time.monotonic()
@@ -224,7 +224,18 @@ def paired_difference(own: Sequence[Episodes], other: Sequence[Episodes]) -> dic
     return {"mean": (won - lost) / count, "ci95": ci95, "won": won, "lost": lost}
 
 
-def _check(episodes: int, seeds: Sequence[int], nworld: int, num_envs: int | None) -> None:
+def check_one_batch(episodes: int, seeds: Sequence[int], nworld: int, num_envs: int | None) -> None:
+    """Check the counts of an analysis that runs all episodes of a seed at once.
+
+    Args:
+        episodes: Episodes per cell and seed.
+        seeds: Seeds.
+        nworld: Worlds that this takes.
+        num_envs: Most worlds at once, or None.
+
+    Raises:
+        ConfigError: No episodes, no seeds, the same seed twice, or too few worlds.
+    """
     if episodes < 1:
         raise ConfigError(f"episodes: at least 1 per cell is needed, got {episodes}")
     if not seeds or len(set(seeds)) < len(seeds):

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.simulation import Simulation, _geom_parts
 
 FLOOR = -1
 """Stands for the floor where a slot is expected."""
@@ -30,6 +30,23 @@ class Hit:
     seen: bool
 
 
+@dataclass(frozen=True)
+class Touch:
+    """A part of the robot and what it is about to touch.
+
+    Attributes:
+        part: One of `robot.PARTS`.
+        slot: The nearest active slot, or `FLOOR`.
+        distance: Between them [m], negative in penetration.
+        point_b: Nearest point of the part in the base frame [m], shape (3,).
+    """
+
+    part: str
+    slot: int
+    distance: float
+    point_b: np.ndarray
+
+
 def summarize_hits(hits: list[Hit]) -> dict[str, float | int | None]:
     """Count hits.
 
@@ -48,7 +65,7 @@ class NearestObstacle:
 
     When a step ends an episode, the step has cleared that world's contacts and drawn its next layout. So
     layouts are copied at the start of episodes, and a hit goes to the slot that was nearest to the touching
-    parts at the last observation before it.
+    parts at the last observation before it. Slots may move, so their positions are given for that time.
     """
 
     def __init__(self, sim: Simulation) -> None:
@@ -58,50 +75,56 @@ class NearestObstacle:
         self._data = mujoco.MjData(self._model)
         self._slot_geoms = [self._model.geom(name).id for name in sim.layout.pool.geom_names()]
         self._floor = self._model.geom("floor").id
-        self._part_geoms = [
-            [
-                geom
-                for geom in range(self._model.ngeom)
-                if self._model.geom_bodyid[geom] > 0
-                and self._model.geom_conaffinity[geom]
-                and self._model.geom(geom).name.rstrip("0123456789").rstrip("_") == part
-            ]
-            for part in robot.PARTS
-        ]
+        parts = np.array(_geom_parts(self._model))
+        self._part_geoms = [np.flatnonzero(parts == part).tolist() for part in range(len(robot.PARTS))]
 
     def remember_layouts(self) -> None:
         """Copy the current layouts of all worlds."""
         layout = self._layout
-        self._pos, self._yaw, self._half_size, self._active = (
-            array.numpy().copy() for array in (layout.pos, layout.yaw, layout.half_size, layout.active)
+        self._yaw, self._half_size, self._active = (
+            array.numpy().copy() for array in (layout.yaw, layout.half_size, layout.active)
         )
 
-    def find(self, world: int, qpos: np.ndarray, parts: np.ndarray) -> int:
-        """Return the active slot of a remembered layout that is nearest to some robot parts, or FLOOR.
+    def find(self, world: int, pos: np.ndarray, qpos: np.ndarray, parts: np.ndarray) -> list[Touch]:
+        """Return what of a remembered layout is nearest to each of some robot parts.
 
         Args:
             world: Index of the world.
+            pos: Positions of its slots [m], shape (nslot, 3).
             qpos: State of the robot, shape (13,).
             parts: Which of `robot.PARTS` to look at, at least one, shape (6,), bool.
+
+        Returns:
+            One per part, the nearest first.
         """
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        candidates = {FLOOR: self._floor}
-        for slot in np.flatnonzero(self._active[world]):
-            candidates[int(slot)] = self._slot_geoms[slot]
-            self._place(int(slot), world)
-        geoms = [geom for part in np.flatnonzero(parts) for geom in self._part_geoms[part]]
-        return min(candidates, key=lambda slot: min(self._distance(geom, candidates[slot]) for geom in geoms))
+        slots = [FLOOR, *np.flatnonzero(self._active[world]).tolist()]
+        for slot in slots[1:]:
+            self._place(slot, world, pos[slot])
+        nearest = [
+            min(
+                (self._measure(part, geom, slot) for slot in slots for geom in self._part_geoms[part]),
+                key=lambda touch: touch.distance,
+            )
+            for part in np.flatnonzero(parts)
+        ]
+        return sorted(nearest, key=lambda touch: touch.distance)
 
-    def _place(self, slot: int, world: int) -> None:
+    def _place(self, slot: int, world: int, pos: np.ndarray) -> None:
         geom, half = self._slot_geoms[slot], self._half_size[world, slot]
         is_cylinder = slot >= self._layout.pool.first_cylinder
         self._model.geom_size[geom] = (half[0], half[2], 0.0) if is_cylinder else half
-        self._data.geom_xpos[geom] = self._pos[world, slot]
+        self._data.geom_xpos[geom] = pos
         c, s = np.cos(self._yaw[world, slot]), np.sin(self._yaw[world, slot])
         self._data.geom_xmat[geom] = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
 
-    def _distance(self, robot_geom: int, scene_geom: int) -> float:
-        if scene_geom == self._floor and not self._model.geom_conaffinity[robot_geom] & _FLOOR_BIT:
-            return _FAR_M
-        return mujoco.mj_geomDistance(self._model, self._data, robot_geom, scene_geom, _FAR_M, None)
+    def _measure(self, part: int, robot_geom: int, slot: int) -> Touch:
+        if slot == FLOOR and not self._model.geom_conaffinity[robot_geom] & _FLOOR_BIT:
+            return Touch(robot.PARTS[part], FLOOR, _FAR_M, np.zeros(3))
+        geom = self._floor if slot == FLOOR else self._slot_geoms[slot]
+        points = np.zeros(6)
+        distance = mujoco.mj_geomDistance(self._model, self._data, robot_geom, geom, _FAR_M, points)
+        base = self._data.body("base")
+        point_b = base.xmat.reshape(3, 3).T @ (points[:3] - base.xpos)
+        return Touch(robot.PARTS[part], slot, distance, point_b)

@@ -133,6 +133,7 @@ def evaluate_reach(
         "goal_tolerance_m": cfg.goal_tolerance_m,
         "sim": asdict(cfg.sim),
         "scandots": asdict(cfg.scandots),
+        "depth": None if cfg.depth is None else asdict(cfg.depth),
         "noise": asdict(cfg.noise),
         "overflows": overflows,
         "commit": commit(),

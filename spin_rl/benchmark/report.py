@@ -18,9 +18,11 @@ def table(result: dict[str, Any]) -> str:
     seeds = ", ".join(str(seed) for seed in result["seeds"])
     title = (
         f"Reach: {result['policy']}, {result['rows'][0]['episodes']} episodes per cell (seeds {seeds}), "
-        f"robot {result['robot']}, camera {result['camera_mount']}"
+        f"robot {result['robot']}, camera {result['camera_mount']}{scene_note(result)}"
     )
-    in_paper = all((row["scenario"], row["difficulty"]) in REACH[_PAPER_ROWS[0]] for row in result["rows"])
+    in_paper = "scene" not in result and all(
+        (row["scenario"], row["difficulty"]) in REACH[_PAPER_ROWS[0]] for row in result["rows"]
+    )
     paper = _PAPER_ROWS if in_paper else ()
     header = ["scenario", "", "success", "95%", "time", *paper, "failures by cause"]
     body = [_line(row, paper) for row in result["rows"]]
@@ -30,6 +32,11 @@ def table(result: dict[str, Any]) -> str:
     if paper:
         note += "; paper (Table 1): success and mean episode time of 30 episodes"
     return "\n".join([title, *align([header, *body]), note])
+
+
+def scene_note(result: dict[str, Any]) -> str:
+    """End of a title: the distribution of corridors where it is not the benchmark's own."""
+    return f", scene {result['scene']}" if "scene" in result else ""
 
 
 def _line(row: dict[str, Any], paper: tuple[str, ...]) -> list[str]:

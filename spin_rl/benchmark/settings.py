@@ -36,10 +36,22 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
     keys = ["robot.profile", "task.camera_mount", "task.camera_pose"]
-    keys += [f"task.scandots.{name}" for name in OmegaConf.select(source, "task.scandots") or ()]
+    for section in ("task.scandots", "task.depth", "depth.filter"):
+        keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
     for key in keys:
         value = OmegaConf.select(source, key)
-        by_user = ({key, key.rpartition(".")[0]} - {"task"}) & asked
+        by_user = ({key, key.rpartition(".")[0], key.partition(".")[0]} - {"task"}) & asked
         if value is not None and not by_user:
             OmegaConf.update(result, key, value, force_add=True)
     return result
+
+
+def scene_label(choice: str, overridden: Sequence[str]) -> str | None:
+    """Name the distribution of corridors, None for the benchmark's own.
+
+    Args:
+        choice: Name in conf/scene.
+        overridden: Overrides of the command line; those of single values are part of the name.
+    """
+    changes = [override for override in overridden if override.lstrip("+~").startswith("scene.")]
+    return None if choice == "nav" and not changes else ", ".join([choice, *changes])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+import warp as wp
 from tensordict import TensorDict
 
 from spin_rl import robot
@@ -72,28 +73,33 @@ def camera_motion(poses: np.ndarray, valid: np.ndarray, period: float) -> Camera
     )
 
 
-class WatchedPolicy:
-    """Passes a policy through and records the first episode of every world after each full reset."""
+NEVER = -1
+"""Stands for the observation at which something was seen last."""
+
+
+class Watch:
+    """Passes a policy through and follows the first episode of every world after each full reset.
+
+    Subclasses look at the episodes that end. What they find of them is of the last observation before: the
+    step that ends an episode also begins the next one.
+    """
 
     def __init__(self, policy: Policy, env: NavEnv) -> None:
         """Watch a policy in an environment that only it acts in."""
         self._policy = policy
         self._env = env
         self._nearest = NearestObstacle(env.sim)
-        self._is_wall = env.sim.layout.is_wall.numpy()
         self._period = env.cfg.sim.control_period
-        self._recorded: list[tuple[np.ndarray, np.ndarray]] = []
-        self._poses: list[torch.Tensor] = []
-        self._valid: list[torch.Tensor] = []
-        self.hits: list[Hit] = []
+        self._now = {
+            "qpos": env.sim.views.qpos,
+            "qvel": env.sim.views.qvel,
+            "slot_pos": wp.to_torch(env.sim.layout.pos),
+            "part_contacts": env.sim.views.part_contacts,
+        }
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
         """Return the policy's actions, shape (num_envs, 10)."""
-        self._qpos.copy_(self._env.sim.views.qpos)
-        tokens = obs["scandots"].view(self._env.num_envs, -1, TOKEN_SIZE)
-        self._seen |= (tokens[..., -NUM_CORNERS:] > 0.0).any(-1)
-        self._poses.append(self._qpos[:, _CAMERA_DOFS])
-        self._valid.append(self._running.clone())
+        self._observe(obs)
         return self._policy(obs)
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
@@ -101,32 +107,71 @@ class WatchedPolicy:
         self._policy.reset(dones)
         if dones is None:
             self._begin()
-        else:
-            self._end(dones > 0)
+            return
+        ended = self._running & (dones > 0)
+        self._running &= ~ended
+        worlds = ended.nonzero().flatten()
+        if len(worlds):
+            self._end(worlds)
+
+    def _begin(self) -> None:
+        env = self._env
+        self._running = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
+        slots = env.sim.layout.pool.num_slots
+        # Number of the observation, and of the one that showed a corner of a slot last.
+        self._step = NEVER
+        self._seen_at = torch.full((env.num_envs, slots), NEVER, dtype=torch.int32, device=env.device)
+        self._last = {name: self._now[name].clone() for name in ("qpos", "qvel", "slot_pos")}
+        self._nearest.remember_layouts()
+
+    def _observe(self, obs: TensorDict) -> None:
+        self._step += 1
+        for name, values in self._last.items():
+            values.copy_(self._now[name])
+        tokens = obs["scandots"].view(self._env.num_envs, -1, TOKEN_SIZE)
+        self._seen_at[(tokens[..., -NUM_CORNERS:] > 0.0).any(-1)] = self._step
+
+    def _end(self, worlds: torch.Tensor) -> None:
+        """Look at episodes that have just ended; world indices, shape (n,)."""
+        raise NotImplementedError
+
+    def _rows(self, worlds: torch.Tensor) -> dict[str, np.ndarray]:
+        """Copy the worlds' last observed state and what touched in the last step to the host."""
+        tensors = self._last | {"parts": self._now["part_contacts"], "seen_at": self._seen_at}
+        return {name: values[worlds].cpu().numpy() for name, values in tensors.items()}
+
+
+class WatchedPolicy(Watch):
+    """Records where the camera points and what the robot hits."""
+
+    def __init__(self, policy: Policy, env: NavEnv) -> None:
+        """Watch a policy in an environment that only it acts in."""
+        super().__init__(policy, env)
+        self._is_wall = env.sim.layout.is_wall.numpy()
+        self._recorded: list[tuple[np.ndarray, np.ndarray]] = []
+        self._poses: list[torch.Tensor] = []
+        self._valid: list[torch.Tensor] = []
+        self.hits: list[Hit] = []
 
     def _begin(self) -> None:
         self._store()
-        env = self._env
-        slots = env.sim.layout.pool.num_slots
-        self._running = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
-        self._seen = torch.zeros(env.num_envs, slots, dtype=torch.bool, device=env.device)
-        self._qpos = env.sim.views.qpos.clone()
-        self._nearest.remember_layouts()
+        super()._begin()
 
-    def _end(self, done: torch.Tensor) -> None:
-        ended = self._running & done
-        self._running &= ~done
-        worlds = (ended & (self._env.outcome == episode.COLLISION)).nonzero().flatten()
-        if len(worlds) == 0:
-            return
-        states = (self._qpos, self._env.sim.views.part_contacts, self._seen)
-        rows = (state[worlds].cpu().numpy() for state in states)
-        for world, qpos, parts, seen in zip(worlds.tolist(), *rows, strict=True):
-            slot = self._nearest.find(world, qpos, parts)
-            if slot == FLOOR:
+    def _observe(self, obs: TensorDict) -> None:
+        super()._observe(obs)
+        self._poses.append(self._last["qpos"][:, _CAMERA_DOFS])
+        self._valid.append(self._running.clone())
+
+    def _end(self, worlds: torch.Tensor) -> None:
+        worlds = worlds[self._env.outcome[worlds] == episode.COLLISION]
+        rows = self._rows(worlds)
+        for i, world in enumerate(worlds.tolist()):
+            touch = self._nearest.find(world, rows["slot_pos"][i], rows["qpos"][i], rows["parts"][i])[0]
+            if touch.slot == FLOOR:
                 self.hits.append(Hit("floor", seen=False))
             else:
-                self.hits.append(Hit("wall" if self._is_wall[slot] else "obstacle", bool(seen[slot])))
+                kind = "wall" if self._is_wall[touch.slot] else "obstacle"
+                self.hits.append(Hit(kind, bool(rows["seen_at"][i, touch.slot] != NEVER)))
 
     def _store(self) -> None:
         if self._poses:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -21,7 +22,7 @@ from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import write_atomically
 from spin_rl.tasks.build import env_config, plain
 
-SUBJECTS = ("visibility", "env", "train")
+SUBJECTS = ("visibility", "depth", "env", "update", "train")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
 _OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
 _BUSY_LOAD = 0.5
@@ -66,12 +67,14 @@ def bench(cfg: DictConfig) -> None:
 def _measure(
     cfg: DictConfig, values: dict[str, Any], device: str, subjects: tuple[str, ...]
 ) -> list[throughput.Row]:
-    from spin_rl.benchmark import env_speed, train_speed, visibility_speed
+    from spin_rl.benchmark import depth_speed, env_speed, train_speed, update_speed, visibility_speed
     from spin_rl.tasks.nav import NavEnv
 
     task, seed, seconds = env_config(cfg), values["seed"], values["seconds"]
     synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None
     watch = Stopwatch(synchronize)
+    # For what runs in one thread: CPU time, which other load bends least.
+    cpu_watch = Stopwatch(clock=time.process_time) if device == "cpu" else watch
 
     def make_env(num_envs: int) -> NavEnv:
         with common.announced(f"Starting {num_envs} worlds on {device}"):
@@ -85,10 +88,18 @@ def _measure(
         with common.announced(f"Timing scandots on {device}"):
             return visibility_speed.measure_visibility(task, values["num_envs"], device, seconds, seed, watch)
 
+    def depth() -> list[throughput.Row]:
+        counts = values["world_counts"] or depth_speed.WORLD_COUNTS
+        return depth_speed.measure_depth(make_env, counts, device, seconds, seed, cpu_watch)
+
     def env() -> list[throughput.Row]:
         rows = env_speed.measure_env(driver(), seconds, watch)
         counts = values["world_counts"] or []
         return rows + env_speed.sweep(make_env, counts, device, seconds / 4, seed, watch)
+
+    def update() -> list[throughput.Row]:
+        with common.announced(f"Timing the parts and other forms of the update on {device}"):
+            return update_speed.measure_update(driver(), values["runner"], seconds, cpu_watch)
 
     def train() -> list[throughput.Row]:
         rows, single = train_speed.measure_train(driver(), values["runner"], seconds, watch)
@@ -104,7 +115,9 @@ def _measure(
 
     measures: dict[str, Callable[[], list[throughput.Row]]] = {
         "visibility": visibility,
+        "depth": depth,
         "env": env,
+        "update": update,
         "train": train,
     }
     return [row for subject in subjects for row in measures[subject]()]

@@ -37,7 +37,8 @@ USER_ERRORS = (
 def run(name: str, body: Callable[[DictConfig], None]) -> None:
     """Run a command under Hydra: `body` gets the composed configuration.
 
-    Exits with status 2 and one line on standard error when the configuration or input is bad.
+    Exits with status 2 and one line on standard error when the configuration or input is bad; with Hydra's
+    HYDRA_FULL_ERROR=1 in the environment, with the traceback.
 
     Args:
         name: Configuration file in conf/, also the command's name after `spin-`.
@@ -48,6 +49,8 @@ def run(name: str, body: Callable[[DictConfig], None]) -> None:
         try:
             body(cfg)
         except USER_ERRORS as error:
+            if os.environ.get("HYDRA_FULL_ERROR") == "1":
+                raise
             _fail(name, error)
 
     overrides = sys.argv[1:]
@@ -95,11 +98,11 @@ def resolve_device(device: str) -> str:
     return f"cuda:{index}"
 
 
-def with_preset(arguments: list[str], has_gpu: bool) -> list[str]:
-    """Add `preset=gpu` where the command will run on a GPU and no preset is named."""
+def with_preset(arguments: list[str], has_gpu: bool, group: str = "preset") -> list[str]:
+    """Add `preset=gpu`, or another group's, where the command will run on a GPU and no preset is named."""
     given = dict(argument.partition("=")[::2] for argument in arguments)
     on_gpu = given.get("device", "auto") != "cpu" and has_gpu
-    return [*arguments, "preset=gpu"] if on_gpu and "preset" not in given else arguments
+    return [*arguments, f"{group}=gpu"] if on_gpu and group not in given else arguments
 
 
 def scene_file_argument(argument: str) -> str:

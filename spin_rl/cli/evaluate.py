@@ -17,9 +17,11 @@ from spin_rl.config import ConfigError
 from spin_rl.tasks.build import env_config, plain
 
 BENCHMARKS = ("reach",)
-ANALYSES = ("camera",)
-# An analysis runs the benchmark a dozen times.
+ANALYSES = ("camera", "failures")
+# The analysis of the camera runs the benchmark a dozen times.
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
+# Overrides that a replay by spin-play needs as well.
+_TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "baseline")
 
 
 def main() -> None:
@@ -33,24 +35,29 @@ def evaluate(cfg: DictConfig) -> None:
     values = plain(cfg)
     overridden = HydraConfig.get().overrides.task
     out = _check(values)
-    from spin_rl.benchmark import camera_report, policies, report, settings
+    from spin_rl.benchmark import camera_report, failures_report, policies, report, settings
 
     make_policy, trained = policies.open_policy(values["policy"])
     task = env_config(settings.for_policy(cfg, trained, overridden))
     if values["analysis"] == "camera":
-        result = _analyse_camera(values, make_policy, task, overridden)
-        table, headline = camera_report.table(result), camera_report.headline(result)
+        writer, result = camera_report, _analyse_camera(values, make_policy, task, overridden)
+    elif values["analysis"] == "failures":
+        writer, result = failures_report, _analyse_failures(values, make_policy, task, overridden)
     else:
-        result = _reach(values, make_policy, task)
-        table, headline = report.table(result), report.headline(result)
-    print(table)
+        writer, result = report, _reach(values, make_policy, task)
+    label = settings.scene_label(HydraConfig.get().runtime.choices["scene"], overridden)
+    if label is not None and values["scene_file"] is None:
+        result["scene"] = label
+    headline = writer.headline(result)
+    print(writer.table(result))
     if out is None:
         print(f"Wrote nothing, out=<file.json> keeps the numbers: {headline}")
     else:
         report.write_json(result, out)
         print(f"Wrote {out}: {headline}")
     if values["plot"] is not None:
-        camera_report.plot(result, Path(values["plot"]))
+        assert writer is not report  # checked: only an analysis draws
+        writer.plot(result, Path(values["plot"]))
         print(f"Wrote {values['plot']}")
 
 
@@ -89,6 +96,24 @@ def _analyse_camera(
         held=camera_variants.held_variants(options["tilts"], options["blind"]),
         cells=reach.REACH_CELLS if cells is None else camera_variants.parse_cells(cells),
         policy_name=values["policy"],
+        num_envs=values["num_envs"],
+        announce=common.announced,
+    )
+
+
+def _analyse_failures(
+    values: dict[str, Any], make_policy: Any, task: Any, overridden: Sequence[str]
+) -> dict[str, Any]:
+    from spin_rl.benchmark import failures
+
+    return failures.analyse_failures(
+        make_policy,
+        task,
+        values["episodes"],
+        values["seeds"],
+        common.resolve_device(values["device"]),
+        policy_name=values["policy"],
+        overrides=[given for given in overridden if given.lstrip("+~").startswith(_TASK_GROUPS)],
         num_envs=values["num_envs"],
         announce=common.announced,
     )

@@ -18,6 +18,8 @@ from spin_rl.paths import POLICY_DIR
 from spin_rl.tasks.build import env_config, plain
 
 VIEWERS = ("viser", "native", "none")
+# To find a world's corridor, all before it are drawn as well.
+_MOST_WORLDS = 20_000
 
 
 def main() -> None:
@@ -36,6 +38,7 @@ class Options:
         difficulty: Index into `DIFFICULTIES`.
         episodes: Episodes of a video or of plots.
         seed: Of corridors, start poses and goals.
+        world: Index in the reach benchmark's batch of the seed, whose corridor is played; None for others.
         viewer: One of `VIEWERS`.
         video: File to write, or None.
         samples: Rays per pixel of a video along each axis.
@@ -52,6 +55,7 @@ class Options:
     difficulty: int
     episodes: int
     seed: int
+    world: int | None
     viewer: str
     video: Path | None
     samples: int
@@ -147,7 +151,8 @@ class Players:
             ConfigError: There is no such policy, or the scene does not fit it.
         """
         from spin_rl.benchmark import policies, settings
-        from spin_rl.benchmark.reach import in_usual_pool
+        from spin_rl.benchmark.reach import Cell, in_usual_pool
+        from spin_rl.benchmark.replay import benchmark_scene
         from spin_rl.tasks.nav import NavEnv
         from spin_rl.viewer.rollout import Player
 
@@ -159,6 +164,9 @@ class Players:
             scene = common.load_scene_file(options.scene_file)
             self._envs.clear()  # one environment at a time is enough
             with common.announced(f"Starting {worlds} world{'s' if worlds > 1 else ''} on {options.device}"):
+                if options.world is not None:
+                    cell = Cell(options.scenario, DIFFICULTIES[options.difficulty])
+                    scene = benchmark_scene(task, cell, options.seed, options.world, options.device)
                 self._envs[key] = NavEnv(
                     task, worlds, options.device, options.seed, scene=in_usual_pool(scene) if scene else None
                 )
@@ -190,6 +198,11 @@ def check(values: dict[str, Any]) -> Options:
     ):
         if type(values[key]) is not int or not low <= values[key] <= high:
             raise ConfigError(f"{key}: expected a whole number from {low} to {high}, got {values[key]!r}")
+    world = values["world"]
+    if world is not None and (type(world) is not int or not 0 <= world < _MOST_WORLDS):
+        raise ConfigError(f"world: expected a whole number from 0 to {_MOST_WORLDS - 1}, got {world!r}")
+    if world is not None and values["scene_file"] is not None:
+        raise ConfigError("world: a scene file is the same in every world")
     for key in ("video", "plots", "scene_file", "viewer"):
         if values[key] is not None and not isinstance(values[key], str):
             raise ConfigError(f"{key}: expected a name, got {values[key]!r}")
@@ -200,7 +213,7 @@ def check(values: dict[str, Any]) -> Options:
         raise ConfigError(f"viewer: unknown {viewer!r}; choose from {', '.join(VIEWERS)}")
     options = Options(
         **{key: values[key] for key in ("policy", "scenario", "episodes", "seed", "samples", "worlds")},
-        **{key: values[key] for key in ("port", "scene_file")},
+        **{key: values[key] for key in ("port", "scene_file", "world")},
         difficulty=DIFFICULTIES.index(values["difficulty"]),
         viewer=viewer,
         video=video,

@@ -11,8 +11,10 @@ from omegaconf import DictConfig, OmegaConf
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.params import GeneratorParams
+from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.sim import SimConfig
 from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.depth import image_shape
 from spin_rl.tasks.rewards import check_scales
 
 
@@ -41,10 +43,11 @@ def default_config(overrides: Sequence[str] = ()) -> NavConfig:
 
 
 def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:
-    """Build the navigation task's configuration from the groups task, robot, scene, reward and sim.
+    """Build the navigation task's configuration from the groups task, robot, scene, reward, sim and depth.
 
     Args:
-        cfg: Composed configuration; `reward` may be missing, as in evaluation.
+        cfg: Composed configuration; `reward` may be missing, as in evaluation. There is a depth camera if
+            `task.depth.enabled` says so, see `with_depth`.
 
     Raises:
         ConfigError: An unknown key or an impossible value, named in the message.
@@ -59,11 +62,46 @@ def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:
         "scene": from_mapping(GeneratorParams, values["scene"], "scene"),
         "sim": from_mapping(SimConfig, values["sim"], "sim"),
         "reward": _reward(values.get("reward") or {}),
+        "depth": from_mapping(DepthConfig, values.get("depth") or {}, "depth"),
     }
+    if not _depth_is_enabled(task.pop("depth", {})):
+        groups["depth"] = None
     for name in groups:
         if name in task:
             raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
     return from_mapping(NavConfig, task | groups, "task")
+
+
+def with_depth(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Switch the depth camera on if a model reads it, and tell the model the size of its images.
+
+    Args:
+        values: Composed configuration, as plain types, with `runner.obs_groups`.
+    """
+    runner, task = dict(values["runner"]), dict(values["task"])
+    readers = [
+        model
+        for model, groups in runner["obs_groups"].items()
+        if any(str(group).startswith("depth") for group in groups or ())
+    ]
+    for model in readers:
+        section = dict(runner[model])
+        image = list(image_shape(task["camera_mount"]))
+        section["depth_encoder"] = {"image": image} | dict(section.get("depth_encoder") or {})
+        runner[model] = section
+    if readers:
+        task["depth"] = dict(task.get("depth") or {}) | {"enabled": True}
+    return dict(values) | {"runner": runner, "task": task}
+
+
+def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
+    unknown = sorted(set(values) - {"enabled"})
+    if unknown:
+        raise ConfigError(f"task.depth.{unknown[0]}: unknown key; noise and filter are a group of their own")
+    enabled = values.get("enabled", False)
+    if type(enabled) is not bool:
+        raise ConfigError(f"task.depth.enabled: expected true or false, got {enabled!r}")
+    return enabled
 
 
 def _robot_profile(values: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from spin_rl import robot
 from spin_rl.scenes.generator import GeneratorParams
+from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.sim import SimConfig
 from spin_rl.tasks import rewards
 from spin_rl.tasks.observations import CAMERA_JOINTS, NoiseConfig
@@ -95,9 +96,11 @@ class NavConfig:
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
+        clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
         reward: Scale of each reward term.
         scene: Parameters of the layout generator.
         scandots: Visibility options.
+        depth: Noise and filter of the depth camera; None renders no images.
         curriculum: Movement of the training level.
         dynamics: Randomization of servos.
         noise: Sensor noise.
@@ -112,11 +115,13 @@ class NavConfig:
     stop_on_collision: bool = True
     scenario: int = 0
     difficulty: int = -1
+    clearance_m: float = 0.15
     reward: dict[str, float] = field(
         default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
     )
     scene: GeneratorParams = field(default_factory=GeneratorParams)
     scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+    depth: DepthConfig | None = None
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
@@ -136,6 +141,8 @@ class NavConfig:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
         if not 0.0 < self.goal_tolerance_m < math.inf:
             raise ValueError(f"task.goal_tolerance_m must be positive, got {self.goal_tolerance_m}")
+        if not 0.0 < self.clearance_m < math.inf:
+            raise ValueError(f"task.clearance_m must be positive, got {self.clearance_m}")
         if self.scenario not in (0, 1, 2):
             raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
         if self.difficulty not in (-1, 0, 1, 2):

@@ -13,18 +13,15 @@ from tensordict import TensorDict
 from spin_rl import robot
 from spin_rl.scenes.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
+from spin_rl.sensors.clearance import Clearance
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim import Simulation
 from spin_rl.sim.graph import StepGraph
 from spin_rl.tasks import episode, rewards
 from spin_rl.tasks.config import CurriculumConfig, NavConfig
+from spin_rl.tasks.depth import DepthImages
 from spin_rl.tasks.health import HealthMonitor
-from spin_rl.tasks.observations import (
-    CAMERA_ACTIONS,
-    CAMERA_JOINTS,
-    NavObservations,
-    camera_columns,
-)
+from spin_rl.tasks.observations import CAMERA_ACTIONS, CAMERA_JOINTS, NavObservations, camera_columns
 from spin_rl.tasks.statistics import EpisodeStatistics
 
 
@@ -78,26 +75,35 @@ class NavEnv(VecEnv):
                 device=device,
             )
         pool = PoolSpec() if scene is None else scene.pool
-        self.sim = Simulation(num_envs, pool, robot.SPEED_PROFILES[cfg.robot_profile], cfg.sim, device)
+        profile, moving = robot.SPEED_PROFILES[cfg.robot_profile], (scene or cfg.scene).moves
+        self.sim = Simulation(num_envs, pool, profile, cfg.sim, device, moving=moving)
         if scene is not None:
             self.sim.layout.load(scene)
         with wp.ScopedDevice(device):
             self._allocate(cfg, seed)
+        camera_site = self.sim.mj_model.site("camera_depth_optical_frame").id
+        tan_half_fov = robot.camera_tan_half_fov(cfg.camera_mount)
         self.scandots = Scandots(
             self.sim.layout,
             qpos=self.sim.data.qpos,
             site_xpos=self.sim.data.site_xpos,
             site_xmat=self.sim.data.site_xmat,
-            camera_site=self.sim.mj_model.site("camera_depth_optical_frame").id,
-            tan_half_fov=robot.camera_tan_half_fov(cfg.camera_mount),
+            camera_site=camera_site,
+            tan_half_fov=tan_half_fov,
             window=cfg.scandots.window_m,
             near=cfg.scandots.near_m,
             occlusion=cfg.scandots.occlusion,
         )
+        self.depth: DepthImages | None = None
+        if cfg.depth is not None:
+            self.depth = DepthImages(
+                self.sim, cfg.depth, camera_site=camera_site, tan_half_fov=tan_half_fov, seed=self._seed
+            )
         self.health = HealthMonitor(self.sim, self._outcome)
-        self.observations = NavObservations(self.sim, self.scandots, cfg.noise, seed)
+        self.observations = NavObservations(self.sim, self.scandots, cfg.noise, seed, self.depth)
         self.statistics = EpisodeStatistics(num_envs, tuple(rewards.check_scales(cfg.reward)), device)
         self._reward_scales = rewards.check_scales(cfg.reward)
+        self._clearance = Clearance(self.sim, cfg.clearance_m) if "clearance" in self._reward_scales else None
         self.last_transition: rewards.Transition | None = None
         self._make_views()
         # The eager pass compiles every kernel; its step is undone by the reset.
@@ -144,11 +150,15 @@ class NavEnv(VecEnv):
         # The goal before the step: layouts of worlds that ended have changed when rewards are computed.
         self._goal_before = torch.zeros_like(self.sim.views.goal)
         self._last_action = torch.zeros_like(self.sim.views.action)
+        no_haste = torch.zeros_like(self._views["progress"])
+        self._haste = no_haste if self._clearance is None else wp.to_torch(self._clearance.haste)
 
     def _launch_step(self) -> None:
         """Everything of one control step that happens on the device before rewards and observations."""
         sim, cfg = self.sim, self.cfg
         sim.advance()
+        if self._clearance is not None:
+            self._clearance.update()
         moves = cfg.curriculum if cfg.curriculum.enabled else CurriculumConfig(up=0.0, down=0.0)
         wp.launch(
             episode._end_episodes,
@@ -210,8 +220,12 @@ class NavEnv(VecEnv):
             ],
             outputs=[self._episode_length, self._distance, sim.dynamics.lag, sim.dynamics.speed_scale],
         )
+        if self.depth is not None:
+            self.depth.begin(mask)
         sim.forward()
         self.scandots.update()
+        if self.depth is not None:
+            self.depth.update()
 
     def _launch_reset_all(self) -> None:
         self._launch_reset(self._all)
@@ -231,14 +245,15 @@ class NavEnv(VecEnv):
         """Restart random numbers and levels; after a reset all is as in a new environment with this seed."""
         self.level.fill_(self.cfg.curriculum.start)
         self._seed.fill_(seed)
-        self._layout_counter.zero_()
-        self._counter.zero_()
+        self.set_episode(0)
         self.observations.reseed(seed)
 
     def set_episode(self, index: int) -> None:
         """Let the next reset draw the `index`-th episode of this seed in every world."""
         self._layout_counter.fill_(index)
         self._counter.fill_(index)
+        if self.depth is not None:
+            self.depth.set_episode(index)
 
     def reset(self) -> TensorDict:
         """Start a new episode in every world and return its first observations."""
@@ -297,6 +312,7 @@ class NavEnv(VecEnv):
             self_contact=self.sim.views.self_contact,
             action=action,
             last_action=self._last_action,
+            haste=self._haste,
         )
 
     def episode_stats(self) -> dict[str, float]:
@@ -311,11 +327,14 @@ class NavEnv(VecEnv):
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Return what a resumed training needs: curriculum levels and random-number counters."""
-        return {
+        state = {
             "level": self.level.cpu().clone(),
             "layout_counter": wp.to_torch(self._layout_counter).cpu().clone(),
             "dynamics_counter": wp.to_torch(self._counter).cpu().clone(),
-        } | self.observations.state_dict()
+        }
+        if self.depth is not None:
+            state["depth_counter"] = self.depth.counter.cpu().clone()
+        return state | self.observations.state_dict()
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore `state_dict` and start new episodes; another number of worlds keeps the mean level."""
@@ -324,6 +343,8 @@ class NavEnv(VecEnv):
             self.level.copy_(saved)
             wp.to_torch(self._layout_counter).copy_(state["layout_counter"])
             wp.to_torch(self._counter).copy_(state["dynamics_counter"])
+            if self.depth is not None and "depth_counter" in state:
+                self.depth.counter.copy_(state["depth_counter"])
         else:
             self.level.fill_(float(saved.mean()))
         self.observations.load_state_dict(state)

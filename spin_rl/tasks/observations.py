@@ -4,6 +4,7 @@
     goal          (num_envs, 3)   goal in the base frame: x, y and distance [m], divided by GOAL_SCALE_M
     scandots      (num_envs, slots * 32)  tokens of what the camera sees, F(s_t, x_t)
     scandots_all  (num_envs, slots * 32)  tokens of the whole local window, s_t
+    depth         (num_envs, rows * cols) image d_t, uint8, see `DepthImages.observe`; if enabled
 
 A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity flags.
 """
@@ -20,8 +21,10 @@ from tensordict import TensorDict
 from spin_rl import robot
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.depth import DepthImages
 
 GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+OPTIONAL_GROUPS = ("depth",)
 GOAL_SCALE_M = 2.5
 # Blocks of the proprio group and their widths.
 PROPRIO: dict[str, int] = {
@@ -73,7 +76,14 @@ class NoiseConfig:
 class NavObservations:
     """Computes the observation groups from simulator memory."""
 
-    def __init__(self, sim: Simulation, scandots: Scandots, noise: NoiseConfig, seed: int) -> None:
+    def __init__(
+        self,
+        sim: Simulation,
+        scandots: Scandots,
+        noise: NoiseConfig,
+        seed: int,
+        depth: DepthImages | None = None,
+    ) -> None:
         """Prepare constants on the simulation's device.
 
         Args:
@@ -81,8 +91,10 @@ class NavObservations:
             scandots: Its scandot sensor.
             noise: Sensor noise.
             seed: Seed of the noise.
+            depth: Its depth camera, if it has one.
         """
         self._sim = sim
+        self._depth = depth
         self._views = sim.views
         self._scandots = scandots
         self._noise = noise
@@ -102,15 +114,15 @@ class NavObservations:
         """Return new tensors of all groups; noise is drawn anew at every call."""
         proprio = self._proprio()
         goal_b = self._goal_in_base()
-        return TensorDict(
-            {
-                "proprio": proprio,
-                "goal": torch.cat((goal_b, goal_b.norm(dim=-1, keepdim=True)), -1) / GOAL_SCALE_M,
-                "scandots": self._with_noise(self._visible),
-                "scandots_all": self._all.clone(),
-            },
-            batch_size=[self._sim.nworld],
-        )
+        groups = {
+            "proprio": proprio,
+            "goal": torch.cat((goal_b, goal_b.norm(dim=-1, keepdim=True)), -1) / GOAL_SCALE_M,
+            "scandots": self._with_noise(self._visible),
+            "scandots_all": self._all.clone(),
+        }
+        if self._depth is not None:
+            groups["depth"] = self._depth.observe()
+        return TensorDict(groups, batch_size=[self._sim.nworld])
 
     def _proprio(self) -> torch.Tensor:
         noise = self._noise

@@ -32,6 +32,8 @@ class Transition:
         self_contact: Whether the gripper touched the base, shape (num_envs,), bool.
         action: The action of this step, shape (num_envs, 10).
         last_action: The action before, shape (num_envs, 10).
+        haste: Largest squared speed of a part of the robot times its nearness to the scene [m^2/s^2] (see
+            `sensors.clearance`), zeros where no term needs it, shape (num_envs,).
     """
 
     progress: torch.Tensor
@@ -43,6 +45,7 @@ class Transition:
     self_contact: torch.Tensor
     action: torch.Tensor
     last_action: torch.Tensor
+    haste: torch.Tensor
 
 
 def progress(step: Transition) -> torch.Tensor:
@@ -91,6 +94,15 @@ def action_rate(step: Transition) -> torch.Tensor:
     return (step.action - step.last_action).square().sum(-1)
 
 
+def clearance(step: Transition) -> torch.Tensor:
+    """Squared speed near clutter: of the robot's part with the largest (1 - distance / d0) speed^2 [m^2/s^2].
+
+    Squared, since the sum over an episode of a speed times a nearness is an integral along the path: it says
+    where to drive, not how fast. d0 is `task.clearance_m`.
+    """
+    return step.haste
+
+
 TERMS: dict[str, Callable[[Transition], torch.Tensor]] = {
     "progress": progress,
     "success": success,
@@ -101,6 +113,7 @@ TERMS: dict[str, Callable[[Transition], torch.Tensor]] = {
     "goal_speed": goal_speed,
     "joint_velocity": joint_velocity,
     "action_rate": action_rate,
+    "clearance": clearance,
 }
 
 

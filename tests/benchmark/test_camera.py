@@ -153,15 +153,20 @@ def test_nearest_is_measured_from_the_touching_parts(nav_env):
     box, other = scene.pool.first_box, scene.pool.first_box + 1
     scene.pos[box] = (0.4, 0.0, 0.1)
     scene.pos[other] = (0.6, 0.0, 1.3)
-    nearest._pos, nearest._yaw = scene.pos[None], scene.yaw[None]
-    nearest._half_size, nearest._active = scene.half_size[None], scene.active[None]
+    nearest._yaw, nearest._half_size, nearest._active = (
+        array[None] for array in (scene.yaw, scene.half_size, scene.active)
+    )
     qpos = robot.qpos_from_joints(nav_env.sim.mj_model, robot.STOWED)
     touching = {part: np.array([name == part for name in robot.PARTS]) for part in robot.PARTS}
-    assert nearest.find(0, qpos, touching["base"]) == box
-    assert nearest.find(0, qpos, touching["head"]) == other
+    assert [touch.slot for touch in nearest.find(0, scene.pos, qpos, touching["base"])] == [box]
+    assert [touch.slot for touch in nearest.find(0, scene.pos, qpos, touching["head"])] == [other]
+    both = nearest.find(0, scene.pos, qpos, touching["base"] | touching["head"])
+    assert [(touch.part, touch.slot) for touch in both] == [("base", box), ("head", other)]
+    assert both[0].distance == pytest.approx(0.4 - 0.05 - 0.0595, abs=1e-6)  # the base's front is at 0.0595 m
+    assert both[0].point_b[0] == pytest.approx(0.0595, abs=1e-6)
     joints = dict(robot.STOWED) | {"lift": 0.0, "wrist_pitch": -1.5}
     low = robot.qpos_from_joints(nav_env.sim.mj_model, joints)
-    assert nearest.find(0, low, touching["gripper"]) == FLOOR
+    assert nearest.find(0, scene.pos, low, touching["gripper"])[0].slot == FLOOR
 
 
 def test_all_variants_have_the_same_corridors(make_nav_env):

@@ -49,6 +49,14 @@ def test_scene_is_a_file_or_the_group():
     assert common.scene_file_argument("policy=zero") == "policy=zero"
 
 
+def test_another_scene_is_named_in_table_and_file(monkeypatch, capsys, device, tmp_path):
+    out = tmp_path / "reach.json"
+    run_main(monkeypatch, "policy=zero", "episodes=1", "seeds=[0]", f"device={device}", f"out={out}",
+             "scene=moving", "task.episode_s=0.2")  # fmt: skip
+    assert ", scene moving\n" in capsys.readouterr().out
+    assert json.loads(out.read_text())["scene"] == "moving"
+
+
 def test_zero_policy_end_to_end(device, tmp_path):
     # The episodes are cut short: no robot that stands still reaches anything.
     out = tmp_path / "new" / "reach.json"
@@ -61,7 +69,7 @@ def test_zero_policy_end_to_end(device, tmp_path):
     assert any("SPIN (CVO)" in line for line in lines)
     result = json.loads(out.read_text())
     assert result["policy"] == "zero" and result["benchmark"] == "reach"
-    assert result["seeds"] == [0, 1] and result["num_envs"] == 3
+    assert result["seeds"] == [0, 1] and result["num_envs"] == 3 and "scene" not in result
     assert [(row["scenario"], row["difficulty"]) for row in result["rows"]] == [
         (1, "easy"), (1, "medium"), (1, "hard"), (2, "easy"), (2, "medium"), (2, "hard")
     ]  # fmt: skip

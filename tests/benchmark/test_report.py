@@ -55,6 +55,13 @@ def test_table_stands_beside_the_paper(six_cells):
     assert len({line.index("0.71-") for line in lines[2:8]}) == 1
 
 
+def test_another_distribution_of_corridors_is_named_and_not_beside_the_paper(six_cells):
+    lines = report.table(six_cells | {"scene": "moving, scene.width=1.1"}).splitlines()
+    assert lines[0].endswith(", scene moving, scene.width=1.1")
+    assert "SPIN" not in lines[1]
+    assert "scene" not in report.table(six_cells).splitlines()[0]
+
+
 def test_table_without_success(six_cells):
     six_cells["rows"][0] |= {"success_rate": 0.0, "duration_s": None}
     assert " -  " in report.table(six_cells).splitlines()[2]

@@ -72,3 +72,16 @@ def test_composing_leaves_a_running_command_alone():
         running = GlobalHydra.instance().hydra
         assert settings.compose().task.episode_s == 60.0
         assert GlobalHydra.instance().hydra is running
+
+
+@pytest.mark.parametrize(
+    ("choice", "overridden", "expected"),
+    [
+        ("nav", (), None),
+        ("nav", ("episodes=3", "task.scenario=2", "scene_file=a.yaml"), None),
+        ("moving", ("scene=moving",), "moving"),
+        ("nav", ("scene.width=1.1", "+scene.length=6"), "nav, scene.width=1.1, +scene.length=6"),
+    ],
+)
+def test_corridors_have_a_name_unless_they_are_the_benchmarks(choice, overridden, expected):
+    assert settings.scene_label(choice, overridden) == expected

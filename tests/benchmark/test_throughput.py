@@ -171,7 +171,7 @@ def run_main(monkeypatch, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["what=speed"], "what: unknown 'speed'; choose from visibility, env, train, all"),
+        (["what=speed"], "what: unknown 'speed'; choose from visibility, depth, env, update, train, all"),
         (["seconds=0"], "seconds: expected a positive number"),
         (["seconds=long"], "seconds: expected a positive number"),
         (["num_envs=0"], "num_envs: expected whole numbers of at least 1"),
@@ -222,9 +222,12 @@ def test_everything_end_to_end(monkeypatch, capfd, device, tmp_path):
     assert result["device"] == device and result["settings"]["num_envs"] == 8
     names = [row["name"] for row in result["rows"]]
     for name in ("scandots, 14 obstacles, frustum and window", "env step", "env step, 4 worlds",
+                 "update: LSTM of the actor", "update: 2 minibatches instead of 4",
                  "train: env step + inference", "train: full training, 1 process"):  # fmt: skip
         assert name in names
     for row in result["rows"]:
         assert row["value"] > 0.0 and row["spread"][0] <= row["value"] <= row["spread"][1]
         assert (row["ratio"] is None) == (row["baseline"] is None)
         assert any(row["name"] in line for line in lines)
+    epochs = next(row for row in result["rows"] if row["name"] == "update: 5 epochs instead of 1")
+    assert epochs["ratio"] < 1.0

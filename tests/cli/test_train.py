@@ -52,6 +52,12 @@ def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_a_traceback_can_be_asked_for(monkeypatch, capfd):
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    with pytest.raises(ConfigError, match="device: cuda:9"):
+        run_main(monkeypatch, "device=cuda:9")
+
+
 @pytest.fixture(scope="module")
 def settings():
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
@@ -75,7 +81,7 @@ def settings():
         ("resume", 3, "resume: expected a path, got 3"),
         ("runner.num_steps_per_env", 0, "runner.num_steps_per_env must be a positive integer"),
         ("runner.steps", 3, "runner.steps is not a setting"),
-        ("runner.obs_groups.actor", ["proprio", "depth"], "obs_groups.actor must be of proprio, goal"),
+        ("runner.obs_groups.actor", ["proprio", "lidar"], "obs_groups.actor must be of proprio, goal"),
     ],
 )
 def test_setting_is_checked(settings, key, value, message):

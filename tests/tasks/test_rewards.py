@@ -23,6 +23,7 @@ def transition(**values) -> rewards.Transition:
         "self_contact": torch.zeros(2, dtype=torch.bool),
         "action": torch.zeros(2, 10),
         "last_action": torch.zeros(2, 10),
+        "haste": torch.zeros(2),
     }
     return rewards.Transition(**quiet | values)
 
@@ -60,6 +61,7 @@ YES_IN_SECOND = torch.tensor([False, True])
         ("joint_velocity", {"qvel": qvel(base_x=1.0, base_yaw=1.0, lift=1.0, wrist_yaw=1.0)}, [0, 0]),
         ("action_rate", {"action": second_action(base_forward=1.0, lift=-0.5)}, [0, 1.25]),
         ("action_rate", {"last_action": second_action(head_pan=-1.0)}, [0, 1.0]),
+        ("clearance", {"haste": torch.tensor([0.0, 0.4])}, [0, 0.4]),
         (
             "action_rate",
             {"action": second_action(lift=0.4), "last_action": second_action(lift=0.4)},
