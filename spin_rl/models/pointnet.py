@@ -8,6 +8,8 @@ import torch
 from rsl_rl.utils import resolve_nn_activation
 from torch import nn
 
+TOKEN_DIM = 32
+"""Numbers in a scandot token: eight corners x, y, z [m] in the base frame, then eight validity flags."""
 NUM_FLAGS = 8
 """Validity flags at the end of a token, one for each corner of the bounding box."""
 
@@ -76,3 +78,26 @@ class NoPointNet(nn.Module):
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
         """Encode tokens of shape (..., num_tokens, token_dim) as (..., latent)."""
         return self.mlp(tokens.flatten(-2))
+
+
+def make_scandot_encoder(
+    kind: str, group: str, size: int, hidden: Sequence[int], latent: int
+) -> PointNet | NoPointNet:
+    """Build the encoder of an observation group.
+
+    Args:
+        kind: "pointnet" or "concat".
+        group: Name of the group.
+        size: Its numbers per environment.
+        hidden: Hidden layers.
+        latent: Size of the latent.
+
+    Raises:
+        ValueError: The group is not a whole number of tokens.
+    """
+    num_tokens, rest = divmod(size, TOKEN_DIM)
+    if rest:
+        raise ValueError(f"Observation group '{group}' is not a whole number of {TOKEN_DIM}-float tokens.")
+    if kind == "pointnet":
+        return PointNet(TOKEN_DIM, hidden, latent)
+    return NoPointNet(num_tokens, TOKEN_DIM, hidden, latent)

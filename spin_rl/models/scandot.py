@@ -1,8 +1,9 @@
-"""Actor and critic models that read proprioception, goal and scandots; subclasses of rsl_rl's model."""
+"""Actors and critics that read proprioception, goal and scandots or depth; subclasses of rsl_rl's model."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
@@ -10,18 +11,17 @@ from rsl_rl.utils import unpad_trajectories
 from tensordict import TensorDict
 from torch import nn
 
+from spin_rl.models.depth_encoder import make_depth_encoder
 from spin_rl.models.lstm import LSTMState, ResettableLSTM
-from spin_rl.models.pointnet import NoPointNet, PointNet, token_mlp
-
-TOKEN_DIM = 32
-"""Numbers in a scandot token: eight corners x, y, z [m] in the base frame, then eight validity flags."""
+from spin_rl.models.pointnet import TOKEN_DIM, make_scandot_encoder, token_mlp
 
 
 class ScandotModel(MLPModel):
-    """Feed-forward model: flat groups, normalized, with a latent for each scandot group, then an MLP.
+    """Feed-forward model: flat groups, normalized, with a latent for each group to encode, then an MLP.
 
-    Scandot groups are those whose name starts with "scandots". They are in metres with zeros for what is
-    not seen, so only the other groups are normalized.
+    Groups to encode are those whose name starts with "scandots", by a PointNet, or with "depth", by
+    convolutions. Scandots are in metres with zeros for what is not seen, and images are in a known range, so
+    only the other groups are normalized.
     """
 
     def __init__(
@@ -37,6 +37,7 @@ class ScandotModel(MLPModel):
         encoder: str = "pointnet",
         encoder_hidden: Sequence[int] = (64, 64),
         scandot_latent: int = 16,
+        depth_encoder: Mapping[str, Any] | None = None,
     ) -> None:
         """Build the model.
 
@@ -51,7 +52,8 @@ class ScandotModel(MLPModel):
             distribution_cfg: Output distribution of rsl_rl; None for a plain output.
             encoder: "pointnet", or "concat" for the paper's NoPointNet ablation.
             encoder_hidden: Hidden layers of the scandot encoder.
-            scandot_latent: Size of the latent of each scandot group.
+            scandot_latent: Size of the latent of each group that is encoded.
+            depth_encoder: Layers of the depth encoder, keys of `DepthEncoderConfig`.
 
         Raises:
             ValueError: A group has no flat shape, or a setting has no meaning.
@@ -59,7 +61,7 @@ class ScandotModel(MLPModel):
         if encoder not in ("pointnet", "concat"):
             raise ValueError(f"{obs_set}.encoder must be 'pointnet' or 'concat', not '{encoder}'.")
         groups = obs_groups[obs_set]
-        self.num_latents = scandot_latent * sum(map(_is_scandots, groups))
+        self.num_latents = scandot_latent * sum(map(is_encoded, groups))
         # rsl_rl's MLP needs a hidden layer; an output straight from the latent replaces it below.
         super().__init__(
             obs,
@@ -75,16 +77,12 @@ class ScandotModel(MLPModel):
             num_outputs = self.mlp[-1].out_features
             self.mlp = token_mlp(self._get_latent_dim(), (), num_outputs, activation)  # type: ignore
         encoders: dict[str, nn.Module] = {}
-        for group in filter(_is_scandots, groups):
-            num_tokens, rest = divmod(obs[group].shape[-1], TOKEN_DIM)
-            if rest:
-                raise ValueError(
-                    f"Observation group '{group}' is not a whole number of {TOKEN_DIM}-float tokens."
-                )
-            if encoder == "pointnet":
-                encoders[group] = PointNet(TOKEN_DIM, encoder_hidden, scandot_latent)
+        for group in filter(is_encoded, groups):
+            size = obs[group].shape[-1]
+            if is_depth(group):
+                encoders[group] = make_depth_encoder(depth_encoder or {}, group, size, scandot_latent)
             else:
-                encoders[group] = NoPointNet(num_tokens, TOKEN_DIM, encoder_hidden, scandot_latent)
+                encoders[group] = make_scandot_encoder(encoder, group, size, encoder_hidden, scandot_latent)
         self.encoders = nn.ModuleDict(encoders)
 
     def forward(
@@ -110,7 +108,7 @@ class ScandotModel(MLPModel):
         """
         if masks is not None and not self.is_recurrent:
             obs = unpad_trajectories(obs, masks)  # type: ignore
-        output = self.mlp(self._latent(self.encode(obs), masks, hidden_state, resets))
+        output = self.decode(self.encode(obs), masks, hidden_state, resets)
         if self.distribution is None:
             return output
         if stochastic_output:
@@ -118,13 +116,24 @@ class ScandotModel(MLPModel):
             return self.distribution.sample()
         return self.distribution.deterministic_output(output)
 
-    def encode(self, obs: TensorDict) -> torch.Tensor:
-        """Concatenate the normalized flat groups and the scandot latents."""
+    def encode(self, obs: TensorDict | Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """Concatenate the normalized flat groups and, last, the latents."""
         flat = torch.cat([obs[group] for group in self.obs_groups], dim=-1)
         latents = [
-            encoder(obs[group].unflatten(-1, (-1, TOKEN_DIM))) for group, encoder in self.encoders.items()
+            encoder(obs[group] if is_depth(group) else obs[group].unflatten(-1, (-1, TOKEN_DIM)))
+            for group, encoder in self.encoders.items()
         ]
         return torch.cat([self.obs_normalizer(flat), *latents], dim=-1)
+
+    def decode(
+        self,
+        x: torch.Tensor,
+        masks: torch.Tensor | None = None,
+        hidden_state: LSTMState | None = None,
+        resets: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Map what `encode` returned to the output before its distribution; arguments as of `forward`."""
+        return self.mlp(self._latent(x, masks, hidden_state, resets))
 
     def as_jit(self) -> nn.Module:
         """Not supported: rsl_rl's exporters know neither scandot tokens nor the partial normalization."""
@@ -147,10 +156,10 @@ class ScandotModel(MLPModel):
         self, obs: TensorDict, obs_groups: dict[str, list[str]], obs_set: str
     ) -> tuple[list[str], int]:
         """Keep rsl_rl's fields, observation groups and their dimension, for the flat groups."""
-        flat = [group for group in obs_groups[obs_set] if not _is_scandots(group)]
+        flat = [group for group in obs_groups[obs_set] if not is_encoded(group)]
         self.flat_dims = {group: obs[group].shape[-1] for group in flat}
         if not flat:
-            raise ValueError(f"Observation set '{obs_set}' needs a group beside the scandots.")
+            raise ValueError(f"Observation set '{obs_set}' needs a group beside the scandots and depth.")
         return super()._get_obs_dim(obs, {obs_set: flat}, obs_set)
 
     def _get_latent_dim(self) -> int:
@@ -179,13 +188,14 @@ class ScandotRecurrentModel(ScandotModel):
         encoder: str = "pointnet",
         encoder_hidden: Sequence[int] = (64, 64),
         scandot_latent: int = 16,
+        depth_encoder: Mapping[str, Any] | None = None,
         rnn_hidden_dim: int = 256,
         skip: bool = False,
     ) -> None:
         """Build the model.
 
         Args:
-            obs: As all up to `scandot_latent`, see `ScandotModel`.
+            obs: As all up to `depth_encoder`, see `ScandotModel`.
             obs_groups: Names of the groups for each observation set.
             obs_set: The set that this model reads.
             output_dim: Number of outputs.
@@ -195,7 +205,8 @@ class ScandotRecurrentModel(ScandotModel):
             distribution_cfg: Output distribution.
             encoder: "pointnet" or "concat".
             encoder_hidden: Hidden layers of the scandot encoder.
-            scandot_latent: Size of the latent of each scandot group.
+            scandot_latent: Size of the latent of each group that is encoded.
+            depth_encoder: Layers of the depth encoder.
             rnn_hidden_dim: Units of the LSTM.
             skip: The MLP reads the encoded observations and the LSTM's output, not only the latter.
         """
@@ -213,6 +224,7 @@ class ScandotRecurrentModel(ScandotModel):
             encoder,
             encoder_hidden,
             scandot_latent,
+            depth_encoder,
         )
         self.lstm = ResettableLSTM(self.obs_dim + self.num_latents, rnn_hidden_dim)
 
@@ -264,5 +276,11 @@ class ScandotRecurrentModel(ScandotModel):
         return self.rnn_hidden_dim + (self.obs_dim + self.num_latents if self.skip else 0)
 
 
-def _is_scandots(group: str) -> bool:
-    return group.startswith("scandots")
+def is_depth(group: str) -> bool:
+    """Tell whether a group is of depth images."""
+    return group.startswith("depth")
+
+
+def is_encoded(group: str) -> bool:
+    """Tell whether a model has an encoder for a group, instead of a normalizer."""
+    return group.startswith("scandots") or is_depth(group)

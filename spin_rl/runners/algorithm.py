@@ -106,6 +106,11 @@ class PPO(rsl_rl.algorithms.PPO):
         self.lost_updates = 0
 
     @property
+    def trained(self) -> dict[str, ScandotModel]:
+        """Models that a checkpoint holds, by name."""
+        return {"actor": self.actor, "critic": self.critic}
+
+    @property
     def models(self) -> tuple[ScandotModel, ...]:
         """Models whose memory follows the episodes."""
         return (self.actor, self.critic)

@@ -11,20 +11,12 @@ from rsl_rl.modules.distribution import Distribution
 from rsl_rl.utils import resolve_callable
 from tensordict import TensorDict
 
-from spin_rl.models import ScandotModel
+from spin_rl.config import from_mapping
+from spin_rl.models import DepthEncoderConfig, ScandotModel
 from spin_rl.runners.algorithm import PPO, SCHEDULES
 
-KEYS = {
-    "class_name",
-    "seed",
-    "num_steps_per_env",
-    "save_interval",
-    "save_minutes",
-    "obs_groups",
-    "actor",
-    "critic",
-    "algorithm",
-}
+KEYS = {"class_name", "seed", "num_steps_per_env", "save_interval", "save_minutes", "obs_groups", "algorithm"}
+"""Settings of every runner, beside a section for each of its models."""
 OPTIONAL_KEYS = {"class_name", "seed", "save_minutes"}
 MODEL_ARGUMENTS = ("obs", "obs_groups", "obs_set", "output_dim")
 """Arguments of a model that are not settings."""
@@ -38,7 +30,7 @@ _POSITIVE_NUMBERS = (
     "desired_kl",
 )
 _FRACTIONS = ("gamma", "lam", "imitation_anneal")
-_WEIGHTS = ("task_reward", "imitation_reward", "imitation_loss")
+_WEIGHTS = ("task_reward", "imitation_reward", "imitation_loss", "latent_loss")
 
 
 def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None:
@@ -52,7 +44,35 @@ def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None
     Raises:
         ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
     """
-    _check_keys(cfg, KEYS, KEYS - OPTIONAL_KEYS, "runner")
+    check_loop(cfg, obs, ("actor", "critic"))
+    distribution = cfg["actor"].get("distribution_cfg")
+    _require(
+        distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution
+    )
+    check_class(distribution, Distribution, "actor.distribution_cfg", given=("output_dim",))
+    _require(not cfg["critic"].get("distribution_cfg"), "critic.distribution_cfg", "none", "one")
+    check_class(
+        cfg["algorithm"], PPO, "algorithm", given=("actor", "critic", "storage", "device", "multi_gpu_cfg")
+    )
+    check_learning(cfg["algorithm"], SCHEDULES, num_envs)
+
+
+def check_loop(
+    cfg: Mapping[str, Any], obs: TensorDict, models: tuple[str, ...], sections: tuple[str, ...] = ()
+) -> None:
+    """Check what the configurations of all runners have in common.
+
+    Args:
+        cfg: Configuration of the runner.
+        obs: Observations of the environment.
+        models: Sections that describe models.
+        sections: Further sections that there may be.
+
+    Raises:
+        ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
+    """
+    required = KEYS - OPTIONAL_KEYS | set(models)
+    _check_keys(cfg, KEYS | required | set(sections), required, "runner")
     for key in ("num_steps_per_env", "save_interval"):
         _require(_is_positive_integer(cfg[key]), f"runner.{key}", "a positive integer", cfg[key])
     minutes = cfg.get("save_minutes")
@@ -60,20 +80,23 @@ def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None
         minutes is None or _is_positive(minutes), "runner.save_minutes", "a positive number or none", minutes
     )
     _require(isinstance(cfg.get("seed", 0), int), "runner.seed", "an integer", cfg.get("seed"))
-    _check_groups(cfg["obs_groups"], obs)
-    for name in ("actor", "critic"):
+    _check_groups(cfg["obs_groups"], obs, models)
+    for name in models:
         check_class(cfg[name], ScandotModel, name, MODEL_ARGUMENTS)
-    distribution = cfg["actor"].get("distribution_cfg")
-    _require(
-        distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution
-    )
-    check_class(distribution, Distribution, "actor.distribution_cfg", given=("output_dim",))
-    _require(not cfg["critic"].get("distribution_cfg"), "critic.distribution_cfg", "none", "one")
-    _check_algorithm(cfg["algorithm"], num_envs)
+        from_mapping(DepthEncoderConfig, cfg[name].get("depth_encoder") or {}, "depth_encoder")
 
 
-def _check_algorithm(cfg: Mapping[str, Any], num_envs: int) -> None:
-    check_class(cfg, PPO, "algorithm", given=("actor", "critic", "storage", "device", "multi_gpu_cfg"))
+def check_learning(cfg: Mapping[str, Any], schedules: tuple[str, ...], num_envs: int) -> None:
+    """Check the numbers of an algorithm's section.
+
+    Args:
+        cfg: The section.
+        schedules: Schedules of the learning rate that it knows.
+        num_envs: Number of environments.
+
+    Raises:
+        ValueError: A value is impossible; one line that names the key.
+    """
     for key in _POSITIVE_INTEGERS:
         _require(
             _is_positive_integer(cfg.get(key, 1)), f"algorithm.{key}", "a positive integer", cfg.get(key)
@@ -86,16 +109,16 @@ def _check_algorithm(cfg: Mapping[str, Any], num_envs: int) -> None:
     for key in _WEIGHTS:
         value = cfg.get(key, 0.0)
         _require(value == 0.0 or _is_positive(value), f"algorithm.{key}", "zero or a positive number", value)
-    schedule = cfg.get("schedule", "adaptive")
-    _require(schedule in SCHEDULES, "algorithm.schedule", f"one of {', '.join(SCHEDULES)}", schedule)
+    schedule = cfg.get("schedule", schedules[0])
+    _require(schedule in schedules, "algorithm.schedule", f"one of {', '.join(schedules)}", schedule)
     batches = cfg.get("num_mini_batches", 4)
     _require(
         batches <= num_envs, "algorithm.num_mini_batches", f"at most the {num_envs} environments", batches
     )
 
 
-def _check_groups(groups: Mapping[str, Any], obs: TensorDict) -> None:
-    _check_keys(groups, {"actor", "critic"}, {"actor", "critic"}, "obs_groups")
+def _check_groups(groups: Mapping[str, Any], obs: TensorDict, models: tuple[str, ...]) -> None:
+    _check_keys(groups, set(models), set(models), "obs_groups")
     for name, members in groups.items():
         _require(bool(members), f"obs_groups.{name}", "a list of observation groups", members)
         for group in members:

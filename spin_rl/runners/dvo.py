@@ -102,6 +102,13 @@ def check_teacher(source: str | Path) -> dict[str, Any]:
     return metadata
 
 
+def action_error(actions: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+    """Differences between actions and targets in [-1, 1]; beyond a limit that a target is at is no error."""
+    error = actions - targets
+    outside = (targets * error > 0.0) & (targets.abs() >= 1.0)
+    return error.masked_fill(outside, 0.0)
+
+
 class ImitationPPO(PPO):
     """PPO on a reward for acting as a teacher does, with a supervised loss that fades out.
 
@@ -215,7 +222,5 @@ class ImitationPPO(PPO):
 
     def _extra_losses(self, batch: Batch) -> dict[str, tuple[float, torch.Tensor]]:
         assert batch.targets is not None
-        error = self.actor.output_mean.index_select(-1, self.teacher.actions) - batch.targets
-        outside = (batch.targets * error > 0.0) & (batch.targets.abs() >= 1.0)
-        loss = error.masked_fill(outside, 0.0).square().mean()
-        return {"imitation": (self.imitation_weight, loss)}
+        actions = self.actor.output_mean.index_select(-1, self.teacher.actions)
+        return {"imitation": (self.imitation_weight, action_error(actions, batch.targets).square().mean())}

@@ -11,6 +11,7 @@ import torch
 from torch import nn
 
 from spin_rl.models import ScandotModel
+from spin_rl.models.scandot import is_depth
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.interface import Camera
@@ -28,7 +29,8 @@ def warm_start(
     The actor then acts as the source does wherever both see the same, except that a camera which the
     source never moved starts at action zero, and its pose without effect. Inputs are matched by group:
     `scandots_all` of the source becomes `scandots` where the new actor reads only these, and the other way
-    round. Camera actions keep their configured standard deviation, the others take the source's.
+    round; where it reads `depth` instead, the latent of a new encoder takes the place of the source's.
+    Camera actions keep their configured standard deviation, the others take the source's.
 
     Args:
         algorithm: Algorithm with new models.
@@ -98,7 +100,10 @@ def copy_model(
     elif dropped:
         raise ValueError("it does not normalize, so the effect of its camera's pose cannot be taken out")
     for own, other in scandots.items():
-        target.encoders[own].load_state_dict(source.encoders[other].state_dict())
+        if is_depth(own) == is_depth(other):
+            target.encoders[own].load_state_dict(source.encoders[other].state_dict())
+        else:
+            notes.append(f"new encoder of {own}")
 
     if source.is_recurrent:
         weights = dict(source.lstm.named_parameters())  # type: ignore
@@ -129,7 +134,7 @@ def copy_model(
 
 
 def _match_scandots(target: ScandotModel, source: ScandotModel) -> dict[str, str]:
-    """Pair the scandot groups of the target with those of the source."""
+    """Pair the encoded groups of the target with those of the source."""
     own, other = set(target.encoders), set(source.encoders)
     pairs = {name: name for name in own & other}
     left = sorted(other - own)
@@ -192,6 +197,8 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         if read(target) != read(source):
             raise ValueError(f"its {name}: {read(source)}, the new one's: {read(target)}")
     for own, other in _match_scandots(target, source).items():
+        if is_depth(own) != is_depth(other):
+            continue
         layers = [
             [_shape(e.mlp), _linear(e.mlp)[0].in_features]  # type: ignore
             for e in (target.encoders[own], source.encoders[other])

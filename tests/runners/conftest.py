@@ -10,6 +10,12 @@ def processes():
     """Start processes from a server that has imported the slow libraries once."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["torch.utils.tensorboard", "rsl_rl.runners", "safetensors.torch", "spin_rl.runners"]
+        [
+            "torch.utils.tensorboard",
+            "rsl_rl.runners",
+            "safetensors.torch",
+            "spin_rl.runners",
+            "spin_rl.runners.async_distill",
+        ]
     )
     return context

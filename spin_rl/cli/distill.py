@@ -1,0 +1,119 @@
+"""spin-distill: turn a policy that sees scandots into one that sees depth."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from spin_rl.benchmark import settings
+from spin_rl.cli import common, run_folder
+from spin_rl.config import ConfigError
+from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv
+from spin_rl.runners.checkpoint import resolve_checkpoint
+from spin_rl.runners.distill import DistillRunner, check_distillation
+from spin_rl.runners.distillation import student_config
+from spin_rl.runners.policy_file import read_policy
+from spin_rl.tasks.build import env_config, plain, with_depth
+from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.observations import GROUPS, OPTIONAL_GROUPS
+
+if TYPE_CHECKING:
+    from spin_rl.tasks.nav import NavEnv
+
+MODES = ("sync", "async")
+
+
+def main() -> None:
+    """Entry point of the `spin-distill` command."""
+    sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available(), "distill_preset")
+    common.run("distill", distill)
+
+
+def distill(cfg: DictConfig) -> None:
+    """Run one distillation to its limit of iterations or minutes and write its summary.
+
+    Writes into the run's folder what `spin-train` does. Bad settings are found before anything is written or
+    compiled.
+    """
+    values = _configure(cfg)
+    task = env_config(values)
+    device = common.resolve_device(values["device"])
+    rank = int(os.environ.get("RANK", "0"))
+    seed = values["seed"]
+    checkpoint = None if values["resume"] is None else resolve_checkpoint(values["resume"])
+    run_dir = run_folder.find(values, checkpoint)
+    if device == "cpu" and "WORLD_SIZE" not in os.environ:
+        torch.set_num_threads(1)
+    torch.manual_seed(seed)
+
+    make = partial(make_env, task, values["num_envs"], device, seed + 10_000 * rank)
+    learning = values["runner"] | {"seed": seed}
+    try:
+        with closing(_make_runner(values["mode"], make, learning, run_dir, device, values)) as runner:
+            if checkpoint is not None:
+                run_folder.report_changes(runner.load(checkpoint), values)
+            run_folder.write_config(run_dir, values)
+            summary = runner.train(values["max_iterations"], values["max_minutes"])
+    except CollectorError as error:
+        sys.exit(f"spin-distill: error: {error}")
+    run_folder.write_results(run_dir, summary, values, device)
+
+
+def make_env(task: NavConfig, num_envs: int, device: str, seed: int) -> NavEnv:
+    """Make the worlds, in whichever process they are wanted."""
+    from spin_rl.tasks.nav import NavEnv
+
+    with common.announced(f"Starting {num_envs} worlds on {device}"):
+        return NavEnv(task, num_envs, device, seed=seed)
+
+
+def _make_runner(
+    mode: str,
+    make: Callable[[], NavEnv],
+    learning: dict[str, Any],
+    run_dir: Path,
+    device: str,
+    values: dict[str, Any],
+) -> DistillRunner:
+    if mode == "sync":
+        return DistillRunner(make(), learning, run_dir, device, snapshot=values)
+    env = RemoteEnv(make, device)
+    try:
+        return AsyncDistillRunner(env, learning, run_dir, device, snapshot=values)
+    except BaseException:
+        env.close()
+        raise
+
+
+def _configure(cfg: DictConfig) -> dict[str, Any]:
+    """Fill in what the teacher says, and reject what needs no simulator to reject."""
+    source = cfg.teacher
+    if not isinstance(source, str):
+        raise ConfigError(f"teacher: expected the name or path of a policy, got {source!r}")
+    try:
+        teacher = read_policy(source)[1]
+    except (FileNotFoundError, ValueError) as error:
+        raise ConfigError(f"teacher: {error}") from None
+    values = plain(settings.for_policy(cfg, teacher["config"], HydraConfig.get().overrides.task))
+    run_folder.check_call(values)
+    if values["mode"] not in MODES:
+        raise ConfigError(f"mode: expected one of {', '.join(MODES)}, got {values['mode']!r}")
+    if values["mode"] == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
+        raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
+    runner = dict(values["runner"])
+    runner |= student_config(teacher, runner.pop("depth_encoder"))
+    check_distillation(runner, dict.fromkeys(GROUPS + OPTIONAL_GROUPS), values["num_envs"])
+    return with_depth(values | {"runner": runner})
+
+
+if __name__ == "__main__":
+    main()

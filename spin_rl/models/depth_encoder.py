@@ -1,0 +1,107 @@
+"""Encoder that compresses a depth image into one latent vector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import nn
+
+from spin_rl.config import from_mapping
+from spin_rl.models.pointnet import token_mlp
+
+
+@dataclass(frozen=True)
+class DepthEncoderConfig:
+    """Layers of the encoder.
+
+    Attributes:
+        image: Rows and columns of the image.
+        channels: Output channels of each convolution.
+        kernels: Side of the square kernel of each convolution.
+        strides: Its stride.
+        hidden: Outputs of the fully connected layers before the latent's.
+    """
+
+    image: tuple[int, int] = (87, 58)
+    channels: tuple[int, ...] = (16, 32, 32)
+    kernels: tuple[int, ...] = (8, 4, 3)
+    strides: tuple[int, ...] = (4, 2, 1)
+    hidden: tuple[int, ...] = (128, 64)
+
+    def __post_init__(self) -> None:
+        """Reject layers that do not fit each other or the image."""
+        if not len(self.channels) == len(self.kernels) == len(self.strides) > 0:
+            raise ValueError("depth_encoder.channels, kernels and strides must have the same length.")
+        if min(*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden, 1) < 1:
+            raise ValueError("depth_encoder: sizes must be positive.")
+        if min(self.map_size) < 1:
+            raise ValueError(f"depth_encoder: the convolutions leave nothing of a {self.image} image.")
+
+    @property
+    def map_size(self) -> tuple[int, int]:
+        """Rows and columns after the convolutions."""
+        rows, columns = self.image
+        for kernel, stride in zip(self.kernels, self.strides, strict=True):
+            rows, columns = ((size - kernel) // stride + 1 for size in (rows, columns))
+        return rows, columns
+
+    @property
+    def num_pixels(self) -> int:
+        """Numbers in an image."""
+        return self.image[0] * self.image[1]
+
+
+class DepthEncoder(nn.Module):
+    """Convolutions, then fully connected layers to the latent.
+
+    Images are 8-bit, 0 to 255 for 0 to 1: as they are stored (`spin_rl.tasks.observations`), converted only
+    where they are used.
+
+    Source: SPIN supplement, network architecture (58 x 87 pixels, 3 convolutions, 3 fully connected layers).
+    """
+
+    def __init__(self, cfg: DepthEncoderConfig, latent: int = 16) -> None:
+        super().__init__()
+        self.cfg = cfg
+        self.latent = latent
+        layers: list[nn.Module] = []
+        channels = 1
+        for width, kernel, stride in zip(cfg.channels, cfg.kernels, cfg.strides, strict=True):
+            layers += [nn.Conv2d(channels, width, kernel, stride), nn.ReLU()]
+            channels = width
+        self.convolutions = nn.Sequential(*layers)
+        rows, columns = cfg.map_size
+        self.mlp = token_mlp(channels * rows * columns, cfg.hidden, latent, "relu")
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """Encode images (..., rows * columns), uint8, as (..., latent)."""
+        batch = images.shape[:-1]
+        rows, columns = self.cfg.image
+        pixels = images.reshape(-1, rows, columns, 1).to(self.mlp[0].weight.dtype) / 255.0  # type: ignore
+        # Strides of channels-last memory, for which convolutions learn faster on the CPU.
+        maps = self.convolutions(pixels.permute(0, 3, 1, 2))
+        return self.mlp(maps.flatten(1)).view(*batch, self.latent)
+
+
+def make_depth_encoder(values: Mapping[str, Any], group: str, size: int, latent: int) -> DepthEncoder:
+    """Build the encoder of an observation group.
+
+    Args:
+        values: Keys of `DepthEncoderConfig`.
+        group: Name of the group.
+        size: Its numbers per environment.
+        latent: Size of the latent.
+
+    Raises:
+        ConfigError: A setting is unknown or impossible.
+        ValueError: The group is no image of this size.
+    """
+    cfg = from_mapping(DepthEncoderConfig, values, "depth_encoder")
+    if size != cfg.num_pixels:
+        raise ValueError(
+            f"Observation group '{group}' has {size} pixels; depth_encoder.image is {cfg.image}."
+        )
+    return DepthEncoder(cfg, latent)

@@ -1,0 +1,102 @@
+"""The spin-distill command: its errors, and tiny runs in one and in two processes."""
+
+import json
+import os
+import sys
+
+import pytest
+import yaml
+
+import spin_rl.tasks.nav
+from spin_rl.benchmark import settings
+from spin_rl.cli import distill
+from spin_rl.paths import POLICY_DIR
+from spin_rl.runners import load_policy, read_policy
+from spin_rl.tasks.build import env_config
+
+TEACHER = f"teacher={POLICY_DIR / 'nav-cvo.safetensors'}"
+TINY = [TEACHER, "num_envs=4", "runner.num_steps_per_env=4", "runner.algorithm.freeze_iterations=1"]
+
+
+def run_main(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["spin-distill", *arguments])
+    distill.main()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], "teacher: expected the name or path of a policy, got None"),
+        (["teacher=nobody"], "teacher: There is no policy 'nobody'"),
+        ([TEACHER, "mode=fast"], "mode: expected one of sync, async, got 'fast'"),
+        ([TEACHER, "num_envs=2"], "algorithm.num_mini_batches must be at most the 2 environments"),
+        ([TEACHER, "+runner.depth_encoder.size=3"], "depth_encoder.size: unknown key"),
+        ([TEACHER, "runner.depth_encoder.kernels=[8]"], "must have the same length"),
+        ([TEACHER, "runner.asynchronous.blocks=1"], "asynchronous.blocks must be at least 3"),
+        ([TEACHER, "depth.filter.far_m=0.1"], "depth.filter.near_m must be"),
+        ([TEACHER, "max_iterations=0"], "max_iterations: expected a whole number from 1 on"),
+        ([TEACHER, "resume=missing"], "no checkpoint at missing"),
+    ],
+)
+def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_path, arguments, expected):
+    def too_late(*_, **__):
+        raise AssertionError("worlds were made")
+
+    monkeypatch.setattr(spin_rl.tasks.nav, "NavEnv", too_late)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stopped:
+        run_main(monkeypatch, *arguments)
+    assert stopped.value.code == 2
+    error = capfd.readouterr().err.strip()
+    assert error.startswith("spin-distill: error: ") and expected in error
+    assert "\n" not in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_async_is_not_for_torchrun(monkeypatch, capfd):
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    with pytest.raises(SystemExit):
+        run_main(monkeypatch, *TINY, "mode=async")
+    assert "mode: async has two processes of its own" in capfd.readouterr().err
+
+
+def test_distillation_from_start_to_resume(monkeypatch, capfd, tmp_path, device):
+    monkeypatch.chdir(tmp_path)
+    run_dir = tmp_path / "student"
+    options = [*TINY, f"device={device}", f"run_dir={run_dir}", "depth=d435i"]
+    run_main(monkeypatch, *options, "max_iterations=2")
+    names = {str(path.relative_to(run_dir)) for path in run_dir.rglob("*.*") if "events" not in path.name}
+    assert names == {
+        "config.yaml",
+        "summary.json",
+        "checkpoints/last.pt",
+        "checkpoints/iteration_0000002.pt",
+    }
+    summary = json.loads((run_dir / "summary.json").read_text())
+    assert summary["env_steps"] == 2 * 4 * 4 and summary["loss"] > 0.0
+    assert {"env_steps_per_second", "minutes", "success_rate", "seed"} <= set(summary)
+    config = yaml.safe_load((run_dir / "config.yaml").read_text())
+    assert config["runner"]["obs_groups"]["actor"] == ["proprio", "goal", "depth"]
+
+    # An evaluation knows from the policy that there are images, and how they are filtered.
+    metadata = read_policy(run_dir)[1]
+    task = env_config(settings.for_policy(settings.compose(), metadata["config"], ()))
+    trained = env_config(config)
+    assert task.depth.filter == trained.depth.filter and trained.depth.filter.fill_px > 0
+    assert task.depth.noise.dropout == 0.0 and trained.depth.noise.dropout > 0.0
+    assert metadata["actor"]["depth_encoder"]["image"] == [87, 58]
+    assert load_policy(run_dir).encoders["depth"].latent == 16
+
+    run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
+    assert "Continuing with other settings" not in capfd.readouterr().out
+    assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
+
+
+def test_asynchronous_distillation(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    run_main(monkeypatch, *TINY, "device=cpu", "mode=async", "max_iterations=3", "run_dir=student")
+    summary = json.loads((tmp_path / "student" / "summary.json").read_text())
+    assert summary["iterations"] == 3 and summary["env_steps"] >= 2 * 4 * 4
+    assert load_policy(tmp_path / "student") is not None
+    assert "RANK" not in os.environ

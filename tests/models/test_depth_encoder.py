@@ -1,0 +1,88 @@
+"""The depth encoder against plain arithmetic, and in the models."""
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torch.nn import functional
+
+from spin_rl.config import ConfigError
+from spin_rl.models import DepthEncoder, DepthEncoderConfig, ScandotModel, ScandotRecurrentModel
+
+SMALL = {"image": [9, 6], "channels": [4, 3], "kernels": [3, 2], "strides": [2, 1], "hidden": [7]}
+
+
+def make_observations(*shape, pixels=54):
+    generator = torch.Generator().manual_seed(0)
+    groups = {
+        "proprio": torch.randn(*shape, 5, generator=generator),
+        "depth": torch.randint(0, 256, (*shape, pixels), generator=generator, dtype=torch.uint8),
+    }
+    return TensorDict(groups, batch_size=shape)
+
+
+def test_default_is_the_papers_kind_and_light():
+    encoder = DepthEncoder(DepthEncoderConfig())
+    kinds = [type(layer).__name__ for layer in (*encoder.convolutions, *encoder.mlp)]
+    assert kinds.count("Conv2d") == 3 and kinds.count("Linear") == 3
+    macs = []
+
+    def count(layer, inputs, output):
+        macs.append(output[0].numel() * layer.weight[0].numel())
+
+    for layer in (*encoder.convolutions, *encoder.mlp):
+        if hasattr(layer, "weight"):
+            layer.register_forward_hook(count)
+    assert encoder(torch.zeros(1, 87 * 58, dtype=torch.uint8)).shape == (1, 16)
+    assert sum(macs) < 1.0e6
+
+
+def test_image_is_read_row_by_row_and_scaled(device):
+    """The first convolution at every place, as products of cut-out squares."""
+    torch.manual_seed(0)
+    encoder = DepthEncoder(DepthEncoderConfig((9, 6), (4,), (3,), (2,), ()), latent=5).to(device)
+    images = make_observations(2)["depth"].to(device)
+    convolution = encoder.convolutions[0]
+    maps = torch.zeros(2, 4, 4, 2, device=device)
+    for row in range(4):
+        for column in range(2):
+            square = images.view(2, 9, 6)[:, 2 * row : 2 * row + 3, 2 * column : 2 * column + 3] / 255.0
+            maps[:, :, row, column] = square.flatten(1) @ convolution.weight.flatten(1).t() + convolution.bias
+    expected = functional.relu(maps).flatten(1) @ encoder.mlp[0].weight.t() + encoder.mlp[0].bias
+    torch.testing.assert_close(encoder(images), expected)
+
+
+def test_sequences_are_encoded_image_by_image():
+    encoder = DepthEncoder(DepthEncoderConfig((9, 6), (4,), (3,), (2,), (8,)))
+    images = make_observations(3, 4)["depth"]
+    expected = torch.stack([torch.stack([encoder(image) for image in row]) for row in images])
+    torch.testing.assert_close(encoder(images), expected)
+
+
+@pytest.mark.parametrize("kind", [ScandotModel, ScandotRecurrentModel])
+def test_models_read_images_beside_other_groups(kind):
+    obs = make_observations(6)
+    model = kind(obs, {"actor": ["proprio", "depth"]}, "actor", 2, depth_encoder=SMALL)
+    encoded = model.encode(obs)
+    assert encoded.shape == (6, 5 + 16) and model.flat_dims == {"proprio": 5}
+    torch.testing.assert_close(encoded[:, 5:], model.encoders["depth"](obs["depth"]))
+    assert model(obs).shape == (6, 2)
+    model.update_normalization(obs)  # images are left alone
+    assert model.obs_normalizer.mean.shape == (5,)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kernel": [3]}, "depth_encoder.kernel: unknown key"),
+        ({"kernels": [3]}, "must have the same length"),
+        ({"strides": [2, 0]}, "sizes must be positive"),
+        ({"kernels": [3, 5]}, "leave nothing of a"),
+        ({"image": [9, 7]}, "'depth' has 54 pixels"),
+        ({"channels": "many"}, "depth_encoder.channels: expected a list"),
+    ],
+)
+def test_impossible_settings_are_named(settings, message):
+    obs = make_observations(2)
+    with pytest.raises((ConfigError, ValueError), match=message) as error:
+        ScandotModel(obs, {"actor": ["proprio", "depth"]}, "actor", 2, depth_encoder=SMALL | settings)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,205 @@
+"""Distillation runs in one and in two processes: results, resuming, and ends of all kinds."""
+
+import os
+import signal
+import time
+from functools import partial
+
+import async_jobs
+import pytest
+import torch
+from distill_worlds import DepthEnv, make_student_config
+from fake_env import make_config
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from spin_rl.runners import PPORunner, load_checkpoint, load_policy, save_policy
+from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv, _merge
+from spin_rl.runners.distill import DistillRunner
+
+DEADLINE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def teacher(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("teacher")
+    PPORunner(DepthEnv(), make_config(), folder).train(2)
+    return folder
+
+
+def weights(runner):
+    return runner.alg.student.state_dict()
+
+
+def assert_same_bits(left, right):
+    assert left.keys() == right.keys()
+    for name in left:
+        assert torch.equal(left[name], right[name]), name
+
+
+def test_resumed_run_equals_an_uninterrupted_one(tmp_path, teacher):
+    """Over the end of the frozen phase, with episodes under way and both memories in use."""
+    cfg = make_student_config(teacher, schedule="linear") | {"save_interval": 2}
+    whole = DistillRunner(DepthEnv(), cfg, tmp_path)
+    summary = whole.train(5)
+    assert summary["iterations"] == 5 and summary["env_steps"] == 5 * 8 * 12 and summary["loss"] > 0.0
+    second = DistillRunner(DepthEnv(seed=99), cfg | {"seed": 99})
+    second.load(tmp_path / "checkpoints" / "iteration_0000002.pt")
+    assert second.alg.actor_is_frozen
+    second.train(5)
+    assert_same_bits(weights(second), weights(whole))
+    assert second.alg.learning_rate == whole.alg.learning_rate and not second.alg.actor_is_frozen
+
+
+def test_a_run_leaves_a_policy_and_events(tmp_path, teacher):
+    runner = DistillRunner(DepthEnv(), make_student_config(teacher), tmp_path)
+    summary = runner.train(2)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert [event.step for event in events.Scalars("Loss/actions")] == [1, 2]
+    assert events.Scalars("Loss/actions")[-1].value == pytest.approx(summary["loss"])
+    save_policy(tmp_path / "student.safetensors", tmp_path)
+    obs = DepthEnv().get_observations()
+    expected = weights(runner)
+    for source in (tmp_path, tmp_path / "student.safetensors"):
+        policy = load_policy(source, obs)
+        assert_same_bits(policy.state_dict(), expected)
+        assert policy(obs).shape == (12, 2)
+
+
+def test_checkpoint_of_phase_1_is_no_distillation(tmp_path, teacher):
+    with pytest.raises(ValueError, match="of another algorithm"):
+        PPORunner(DepthEnv(), make_config()).load(save_run(tmp_path, teacher))
+    with pytest.raises(ValueError, match="encoders"):
+        DistillRunner(DepthEnv(), make_student_config(teacher)).load(teacher)
+
+
+def save_run(folder, teacher):
+    DistillRunner(DepthEnv(), make_student_config(teacher), folder).train(1)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        (None, "critic", {}, r"runner\.critic is not a setting"),
+        ("algorithm", "teacher", None, "teacher: expected the name or path"),
+        ("algorithm", "gamma", 0.9, r"algorithm\.gamma is not a setting"),
+        ("algorithm", "freeze_iterations", -1, r"algorithm\.freeze_iterations must be a whole number"),
+        ("algorithm", "latent_loss", -0.1, r"algorithm\.latent_loss must be zero or"),
+        ("algorithm", "schedule", "adaptive", r"algorithm\.schedule must be one of fixed, linear"),
+        ("algorithm", "num_mini_batches", 13, "at most the 12 environments"),
+        (None, "asynchronous", {"reuse": 1}, r"asynchronous\.reuse: unknown key"),
+        ("obs_groups", "actor", ["proprio", "lidar"], r"obs_groups\.actor .* not 'lidar'"),
+    ],
+)
+def test_errors_of_configuration_are_named_at_start(teacher, section, key, value, message):
+    cfg = make_student_config(teacher)
+    (cfg if section is None else cfg[section])[key] = value
+    with pytest.raises(ValueError, match=message) as error:
+        DistillRunner(DepthEnv(), cfg)
+    assert "\n" not in str(error.value)
+
+
+@pytest.fixture
+def make_async(teacher, processes):
+    """Makes asynchronous runs, with the settings of their ring and of their environment."""
+
+    def make(folder=None, ring=None, **options):
+        env = RemoteEnv(partial(async_jobs.make_env, **options), "cpu", processes)
+        return AsyncDistillRunner(env, make_student_config(teacher) | {"asynchronous": ring or {}}, folder)
+
+    return make
+
+
+def is_running(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_two_processes_from_start_to_resume(tmp_path, teacher, make_async):
+    """Many times around the ring, within its bounds, and on from the checkpoint."""
+    runner = make_async(tmp_path, {"blocks": 3, "max_staleness": 2, "max_reuse": 2})
+    pid, first = runner.env.pid, {name: value.clone() for name, value in weights(runner).items()}
+    summary = runner.train(24)
+    assert not is_running(pid)
+    assert summary["iterations"] == 24
+    rollouts = summary["env_steps"] / (8 * 4)
+    assert rollouts >= 12  # each used twice at most, in three places
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert max(event.value for event in events.Scalars("Async/staleness")) <= 2
+    assert max(event.value for event in events.Scalars("Async/uses")) <= 2
+    moved = [name for name, value in weights(runner).items() if not torch.equal(value, first[name])]
+    assert "lstm.rnn.weight_hh_l0" in moved and "encoders.depth.mlp.0.weight" in moved
+
+    one_process = DistillRunner(DepthEnv(num_envs=4), make_student_config(teacher))
+    one_process.load(tmp_path)
+    assert_same_bits(weights(one_process), weights(runner))
+    assert one_process.train(25)["iterations"] == 25
+
+    resumed = make_async(tmp_path)
+    state = resumed.load(tmp_path)
+    assert_same_bits(weights(resumed), weights(runner))
+    assert state["processes"][0]["env"]["steps"] >= 8 * 12
+    summary = resumed.train(25)
+    assert summary["iterations"] == 25 and summary["env_steps"] > rollouts * 8 * 4
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fails_at": 20}, "The collecting process failed: ArithmeticError: the world ended"),
+        ({"dies_at": 20}, "The collecting process ended, exit code -9"),
+    ],
+)
+def test_end_of_the_collector_is_named_and_the_work_is_saved(tmp_path, capfd, make_async, options, message):
+    runner = make_async(tmp_path, {"max_reuse": 1}, **options)
+    pid = runner.env.pid
+    with pytest.raises(CollectorError, match=message):
+        runner.train(1_000_000)
+    assert not is_running(pid)
+    assert load_checkpoint(tmp_path / "checkpoints" / "last.pt")["iteration"] >= 1
+
+
+def test_an_environment_that_cannot_be_made_is_named(capfd, processes):
+    with pytest.raises(CollectorError, match="failed: OSError: there is no world"):
+        RemoteEnv(async_jobs.fail_to_make_env, "cpu", processes)
+
+
+def test_an_error_of_the_learner_ends_the_collector(make_async, monkeypatch):
+    runner = make_async()
+    monkeypatch.setattr(runner.alg, "learn", lambda sequences: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        runner.train(5)
+    assert not is_running(runner.env.pid)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_collector_outlives_its_learner(tmp_path, teacher, processes, number):
+    process = processes.Process(target=async_jobs.train_for_ever, args=(teacher, tmp_path))
+    process.start()
+    wait_until(lambda: list(tmp_path.glob("events*")))
+    collector = int((tmp_path / "collector").read_text())
+    assert is_running(collector)
+    os.kill(process.pid, number)
+    process.join(DEADLINE_S)
+    assert process.exitcode == (0 if number == signal.SIGTERM else -number)
+    wait_until(lambda: not is_running(collector))
+    assert (tmp_path / "checkpoints" / "last.pt").exists() == (number == signal.SIGTERM)
+
+
+def test_statistics_of_rollouts_are_joined_by_their_episodes():
+    one = {"episodes": 1.0, "success_rate": 1.0, "overflow/contacts": 2.0}
+    other = {"episodes": 3.0, "success_rate": 0.0, "overflow/contacts": 1.0}
+    empty = {"episodes": 0.0, "success_rate": float("nan"), "overflow/contacts": 0.0}
+    expected = {"episodes": 4.0, "success_rate": 0.25, "overflow/contacts": 3.0}
+    assert _merge([one, other, empty]) == expected
+    assert _merge([]) == {"episodes": 0}
