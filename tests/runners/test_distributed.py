@@ -4,9 +4,11 @@ import socket
 
 import torch
 import training_jobs
+from distill_worlds import DepthEnv
+from fake_env import make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from spin_rl.runners import load_checkpoint
+from spin_rl.runners import PPORunner, load_checkpoint, load_policy
 from spin_rl.runners.distributed import mean_statistics
 
 
@@ -16,17 +18,29 @@ def free_port() -> int:
         return server.getsockname()[1]
 
 
-def test_replicas_stay_equal_and_one_of_them_writes(tmp_path, processes):
+def run_two(processes, target, *arguments):
+    """Run a job in two processes of a group."""
     port = free_port()
-    jobs = [
-        processes.Process(target=training_jobs.train_in_parallel, args=(rank, 2, port, tmp_path))
-        for rank in (0, 1)
-    ]
+    jobs = [processes.Process(target=target, args=(rank, 2, port, *arguments)) for rank in (0, 1)]
     for job in jobs:
         job.start()
     for job in jobs:
         job.join(60.0)
     assert [job.exitcode for job in jobs] == [0, 0]
+
+
+def test_students_stay_equal_through_both_phases(tmp_path, processes):
+    teacher = tmp_path / "teacher"
+    PPORunner(DepthEnv(), make_config(), teacher).train(1)
+    run_two(processes, training_jobs.distill_in_parallel, teacher, tmp_path)
+    first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
+    start = load_policy(teacher).state_dict()
+    assert all(torch.equal(value, second[name]) for name, value in first.items())
+    assert not torch.equal(first["lstm.rnn.weight_hh_l0"], start["lstm.rnn.weight_hh_l0"])
+
+
+def test_replicas_stay_equal_and_one_of_them_writes(tmp_path, processes):
+    run_two(processes, training_jobs.train_in_parallel, tmp_path)
     first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
     for model in ("actor", "critic"):
         for name in first[model]:

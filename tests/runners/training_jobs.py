@@ -7,9 +7,11 @@ import time
 from pathlib import Path
 
 import torch
+from distill_worlds import DepthEnv, make_student_config
 from fake_env import FakeEnv, make_config
 
 from spin_rl.runners import PPORunner
+from spin_rl.runners.distill import DistillRunner
 
 
 def train_with_a_save_each_iteration(run_dir: Path) -> None:
@@ -26,11 +28,25 @@ def train_until_signalled(run_dir: Path) -> None:
     PPORunner(FakeEnv(), make_config() | {"save_interval": 1_000_000}, run_dir).train(1_000_000)
 
 
-def train_in_parallel(rank: int, world_size: int, port: int, run_dir: Path) -> None:
-    """Train one of several replicas and store what each of them ends with."""
+def join_group(rank: int, world_size: int, port: int) -> None:
+    """Be a process that torchrun started."""
     ranks = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": world_size, "MASTER_PORT": port}
     os.environ.update({name: str(value) for name, value in ranks.items()} | {"MASTER_ADDR": "127.0.0.1"})
     torch.set_num_threads(1)
+
+
+def distill_in_parallel(rank: int, world_size: int, port: int, teacher: Path, run_dir: Path) -> None:
+    """Distil in one of several replicas and store its student."""
+    join_group(rank, world_size, port)
+    runner = DistillRunner(DepthEnv(seed=rank), make_student_config(teacher), run_dir)
+    runner.train(4)
+    torch.save(runner.alg.student.state_dict(), run_dir / f"{rank}.pt")
+    runner.close()
+
+
+def train_in_parallel(rank: int, world_size: int, port: int, run_dir: Path) -> None:
+    """Train one of several replicas and store what each of them ends with."""
+    join_group(rank, world_size, port)
     runner = PPORunner(FakeEnv(seed=rank), make_config() | {"save_interval": 2}, run_dir)
     summary = runner.train(3)
     models = {"actor": runner.alg.actor.state_dict(), "critic": runner.alg.critic.state_dict()}
