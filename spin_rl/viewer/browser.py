@@ -19,7 +19,7 @@ from spin_rl.config import ConfigError
 from spin_rl.viewer import style
 from spin_rl.viewer.browser_scene import WorldView
 from spin_rl.viewer.extras import require
-from spin_rl.viewer.picture import depth_picture
+from spin_rl.viewer.picture import camera_label, camera_picture
 from spin_rl.viewer.rollout import Player, Snapshot
 from spin_rl.viewer.stage import Stage
 
@@ -109,7 +109,7 @@ class Browser:
         self._follow = gui.add_checkbox("follow the robot", True)
         worlds = [str(i + 1) for i in range(player.env.num_envs)]
         self._world = gui.add_dropdown("world", worlds, initial_value="1", visible=len(worlds) > 1)
-        self._depth = gui.add_image(np.zeros((8, 8, 3), np.uint8), label="depth camera, near is bright")
+        self._depth = gui.add_image(np.zeros((8, 8, 3), np.uint8), label="depth camera; near is bright")
         self._statistics = gui.add_markdown("")
         self._add_worlds(player)
         self.show(player.snapshots, player)
@@ -202,7 +202,8 @@ class Browser:
                 self._views[i].update(snapshots[i], np.array(_offset(i)) - self._anchor)
             # Moves along, which an endless pattern shows by its lines only.
             self._floor.position = (*-np.mod(self._anchor, _SECTION_M), 0.0)
-        self._depth.image = np.asarray(depth_picture(self._stage.depth_image(_DEPTH_ROWS)))
+        self._depth.image = np.asarray(camera_picture(self._stage, snapshots[world], _DEPTH_ROWS))
+        self._depth.label = f"{camera_label(snapshots[world])}; near is bright"
         self._status.content = status_text(snapshots[world])
         self._statistics.content = statistics_text(player.ended)
 

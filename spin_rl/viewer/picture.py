@@ -67,10 +67,10 @@ class PictureMaker:
         picture = Image.new("RGB", SIZE, style.PAPER)
         picture.paste(view, (0, 0))
         picture.paste(self._plan.draw(stage, snapshot, np.array(self._path)), (_VIEW[0], 0))
-        depth = depth_picture(stage.depth_image(_DEPTH_HEIGHT))
+        depth = camera_picture(stage, snapshot, _DEPTH_HEIGHT)
         picture.paste(depth, (_VIEW[0] + 10, _PLAN[1] + 18))
         draw = ImageDraw.Draw(picture)
-        draw.text((_VIEW[0] + 10, _PLAN[1] + 2), "depth camera", fill=style.INK, font=_font(12))
+        draw.text((_VIEW[0] + 10, _PLAN[1] + 2), camera_label(snapshot), fill=style.INK, font=_font(12))
         _draw_legend(draw, (_VIEW[0] + depth.width + 22, _PLAN[1] + 18))
         self._draw_strip(draw, snapshot)
         return picture
@@ -104,6 +104,26 @@ class PictureMaker:
             x = left + (right - left) * (value - low) / (high - low)
             draw.rectangle((min(zero, x), y + 4, max(zero, x), y + 11), fill=style.FRUSTUM)
             draw.line((zero, y + 2, zero, y + 13), fill=style.UNSEEN)
+
+
+def camera_picture(stage: Stage, snapshot: Snapshot, height: int) -> Image.Image:
+    """The depth image: the policy's own, pixel by pixel, or else an ideal one of the scene.
+
+    Args:
+        stage: Posed as in the snapshot.
+        snapshot: What to show.
+        height: Rows of the picture.
+    """
+    if snapshot.depth is None:
+        return depth_picture(stage.depth_image(height))
+    rows, columns = snapshot.depth.shape
+    size = (round(height * columns / rows), height)
+    return depth_picture(snapshot.depth).resize(size, Image.Resampling.NEAREST)
+
+
+def camera_label(snapshot: Snapshot) -> str:
+    """What `camera_picture` shows."""
+    return "depth camera" if snapshot.depth is None else "depth, as the policy gets it"
 
 
 def depth_picture(depth: np.ndarray) -> Image.Image:

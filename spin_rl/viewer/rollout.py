@@ -42,6 +42,9 @@ class Snapshot:
         qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
         scandots: What is near, and what of it is seen.
         outcome: One of `episode.OUTCOMES`; other than "running" in an episode's last snapshot.
+        depth: The depth image as the policy gets it, noisy and filtered, upright, in metres between the
+            nearest and the farthest depth that it can tell apart, shape (rows, columns); None where the
+            task has no depth camera.
     """
 
     scene: Scene
@@ -50,6 +53,7 @@ class Snapshot:
     qpos: np.ndarray
     scandots: Scandots
     outcome: str = RUNNING
+    depth: np.ndarray | None = None
 
     @property
     def ended(self) -> bool:
@@ -161,6 +165,7 @@ class Player:
                 for world, scene in enumerate(self._scenes)
             ]
         known, visible = self.env.scandots.all.numpy(), self.env.scandots.visible.numpy()
+        depth = self._read_depth()
         return [
             Snapshot(
                 scene=self._scenes[world],
@@ -170,9 +175,18 @@ class Player:
                 scandots=scandots_of(
                     known[world], visible[world], self._scenes[world].is_wall, qpos[world, :3]
                 ),
+                depth=None if depth is None else depth[world],
             )
             for world in range(self.env.num_envs)
         ]
+
+    def _read_depth(self) -> np.ndarray | None:
+        """Images of all worlds as the policy gets them [m], shape (num_envs, rows, columns)."""
+        images, cfg = self.env.depth, self.env.cfg.depth
+        if images is None or cfg is None:
+            return None
+        near, far = cfg.filter.near_m, cfg.filter.far_m
+        return near + (far - near) * images.pipeline.policy.numpy().astype(float)
 
 
 def scandots_of(known: np.ndarray, visible: np.ndarray, is_wall: np.ndarray, base: np.ndarray) -> Scandots:

@@ -1,4 +1,5 @@
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from spin_rl.viewer import style
 from spin_rl.viewer.camera import PinholeCamera
 from spin_rl.viewer.extras import require
 from spin_rl.viewer.overlay import draw_overlays
-from spin_rl.viewer.picture import SIZE, PictureMaker, depth_picture
+from spin_rl.viewer.picture import SIZE, PictureMaker, camera_label, camera_picture, depth_picture
 from spin_rl.viewer.rollout import Scandots
 from spin_rl.viewer.stage import DepthCamera, Stage
 from spin_rl.viewer.video import check_video, open_video
@@ -51,6 +52,22 @@ def test_points_outside_the_picture_are_no_trouble():
 def test_near_is_brighter_than_far_in_the_depth_picture():
     picture = np.asarray(depth_picture(np.array([[0.3, 2.0, 3.5, np.inf]]))).sum(-1)[0]
     assert (np.diff(picture.astype(int)) < 0).all()
+
+
+def test_the_policys_own_image_is_shown_where_there_is_one():
+    stage = Stage(POOL, "portrait")
+    ideal = snapshot()
+    stage.pose(ideal)
+    np.testing.assert_array_equal(camera_picture(stage, ideal, 40), depth_picture(stage.depth_image(40)))
+    image = np.full((4, 2), 4.0)
+    image[1, 0] = 0.5
+    own = replace(ideal, depth=image)
+    shown = np.asarray(camera_picture(stage, own, 40)).astype(int).sum(-1)
+    assert shown.shape == (40, 20)
+    near = np.zeros((4, 2), bool)
+    near[1, 0] = True
+    np.testing.assert_array_equal(shown > shown.min(), near.repeat(10, 0).repeat(10, 1))
+    assert camera_label(own) != camera_label(ideal)
 
 
 @pytest.mark.slow  # compiles the renderer

@@ -6,6 +6,8 @@ from viewer_worlds import SCENE, snapshot
 
 from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.params import GeneratorParams
+from spin_rl.sensors.depth_filter import DepthFilterConfig
+from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.tasks.config import NavConfig
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
 from spin_rl.viewer.rollout import Player, scandots_of
@@ -32,6 +34,7 @@ def test_player_shows_the_state_that_ended_an_episode(make_nav_env):
     first = player.start(1, 2, seed=5)
     assert [(s.scene.scenario, s.scene.difficulty) for s in first] == [(1, 2)] * 2
     np.testing.assert_allclose(first[0].qpos[:3], first[0].scene.start, atol=1e-6)
+    assert first[0].depth is None  # no depth camera in this task
     second, third = player.step(), player.step()
     assert [s.outcome for s in second] == ["running"] * 2
     for world, last in enumerate(third):
@@ -44,6 +47,20 @@ def test_player_shows_the_state_that_ended_an_episode(make_nav_env):
         assert new.episode == 1 and new.time == 0.0 and new.scene is not last.scene
         np.testing.assert_allclose(new.qpos[:3], new.scene.start, atol=1e-6)
     assert len(player.ended) == 2
+
+
+def test_snapshots_hold_the_image_that_the_policy_gets(make_nav_env):
+    # From 1 to 2 m, so that a mistake in the scale shows.
+    depth = DepthConfig(filter=DepthFilterConfig(near_m=1.0, far_m=2.0))
+    env = make_nav_env(NavConfig(depth=depth), num_envs=2, seed=5)
+    player = Player(env, ZeroPolicy())
+    player.start(1, 2, seed=5)
+    player.step()
+    measured = env.depth.camera.depth.numpy()
+    measured[measured == 0.0] = 10.0  # nothing hit
+    assert measured.min() < 1.0 < 2.0 < measured.max()
+    for world, state in enumerate(player.snapshots):
+        np.testing.assert_allclose(state.depth, measured[world].clip(1.0, 2.0), atol=1e-5)
 
 
 def test_scenes_of_snapshots_follow_what_moves(make_nav_env):
