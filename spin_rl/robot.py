@@ -73,6 +73,9 @@ JOINT_UPPER = (1.1, 0.52, 4.0, 0.56, 3.14, 0.6, 1.5, 0.79)
 
 WHEEL_SEPARATION_M = 0.3407
 
+GRASP_CENTER_SITE = "link_grasp_center"
+"""Site between the fingertips; its x axis points out of the gripper, towards what it reaches for."""
+
 STOWED: Mapping[str, float] = MappingProxyType(
     {
         "lift": 0.35,
@@ -93,6 +96,56 @@ and 6 mm in front (wrist); the farthest point from the wheel axis' middle is the
 0.341 m. The hand clears the mast by 26 mm and the base by 96 mm. A level gripper (pitch 0) would hit the
 mast at every yaw that keeps it above the base.
 """
+
+PADS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {"finger_left": ("gripper_3", "gripper_4"), "finger_right": ("gripper_5", "gripper_6")}
+)
+"""Geoms of the grasping robot's fingertips, by body: two spheres above each other (see `load_grasp_spec`)."""
+
+OBJECT_CONTYPE = 8
+"""Contact bit of objects to be grasped."""
+
+PAD_RADIUS_M = 0.012
+_PAD_Z_M = 0.012
+_PAD_SPIN_M = 0.01
+"""Torsional friction: what a rubber disc of 15 mm radius under even pressure has, 2/3 of its radius."""
+
+_PAD_XY_M = (0.0064, -0.1906)
+"""Middle of the left fingertip's pads in the finger's frame; the right one's is the mirror image in x."""
+
+GRASP_FINGER_LOWER = -0.05
+"""Lower limit of the grasping robot's fingers [rad]; there the pads are 6 mm apart, and they cross below."""
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A velocity servo of the grasping robot.
+
+    Attributes:
+        gain: Force per velocity error [N s/m, N m s/rad].
+        force_max: Largest force or torque [N, N m].
+        armature: Inertia that the motor adds to the joint [kg m^2], None to leave it.
+    """
+
+    gain: float
+    force_max: float
+    armature: float | None = None
+
+
+GRASP_SERVOS: Mapping[str, Servo] = MappingProxyType(
+    {
+        "lift": Servo(300.0, 120.0),
+        "arm_outer": Servo(400.0, 60.0),
+        "arm_inner": Servo(400.0, 60.0),
+        "wrist_yaw": Servo(5.0, 6.0, 0.05),
+        "wrist_pitch": Servo(5.0, 6.0, 0.05),
+        "wrist_roll": Servo(5.0, 4.0, 0.05),
+        "finger_left": Servo(2.0, 3.0, 0.02),
+        "finger_right": Servo(2.0, 3.0, 0.02),
+    }
+)
+"""Soft servos, without which grasped objects slip; see docs/manipulation.md. Both slides of the telescope are
+in series, so that the arm as a whole is half as stiff as each."""
 
 CAMERA_FOV_DEG = (87.0, 58.0)
 """Depth field of view of the Intel D435i along the sensor's long and short side."""
@@ -190,13 +243,65 @@ def camera_tan_half_fov(mount: CameraMount) -> tuple[float, float]:
         ValueError: The mount is neither.
     """
     long_side, short_side = (math.tan(math.radians(fov) / 2) for fov in CAMERA_FOV_DEG)
-    if mount == "portrait":
-        return long_side, short_side
-    if mount == "landscape":
-        return short_side, long_side
-    raise ValueError(f"camera mount {mount!r} is neither 'portrait' nor 'landscape'")
+    return (long_side, short_side) if is_portrait(mount) else (short_side, long_side)
+
+
+def is_portrait(mount: CameraMount) -> bool:
+    """Return whether a camera's mount is ``portrait`` and not ``landscape``.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    if mount not in ("portrait", "landscape"):
+        raise ValueError(f"camera mount {mount!r} is neither 'portrait' nor 'landscape'")
+    return mount == "portrait"
 
 
 def load_spec() -> mujoco.MjSpec:
     """Return a fresh, editable specification of the robot alone (no floor, no scene)."""
     return mujoco.MjSpec.from_file(str(ROBOT_XML))
+
+
+def load_grasp_spec() -> mujoco.MjSpec:
+    """Return a fresh specification of the robot that can grasp: soft servos and fingertips of two spheres.
+
+    It differs from `load_spec` in contacts and servos alone. The fingers' 3 cm capsules become as thin as the
+    drawn ones and pass through objects; the fingertips' pads, which are drawn as well, hold them. Geoms that
+    meet objects have bit 8 (`OBJECT_CONTYPE`) in their affinity.
+    """
+    spec = load_spec()
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    for body, side in (("finger_left", 1.0), ("finger_right", -1.0)):
+        _add_pads(spec.body(body), side)
+        finger = spec.geom("gripper_1" if side > 0.0 else "gripper_2")
+        finger.size[0] = 0.01
+        finger.fromto = [side * 0.008, -0.01, 0.0, side * 0.0135, -0.185, 0.0]
+        spec.joint(body).range = [GRASP_FINGER_LOWER, JOINT_UPPER[JOINTS.index("gripper_finger")]]
+    for name in ("base", "arm_3", "arm_4", "wrist", "gripper"):
+        spec.geom(name).conaffinity |= OBJECT_CONTYPE
+    for name, servo in GRASP_SERVOS.items():
+        actuator, joint = spec.actuator(name), spec.joint(name)
+        actuator.gainprm[0] = servo.gain
+        actuator.biasprm[2] = -servo.gain
+        actuator.forcerange = [-servo.force_max, servo.force_max]
+        if servo.armature is not None:
+            joint.armature = servo.armature
+    return spec
+
+
+def _add_pads(finger: mujoco.MjsBody, side: float) -> None:
+    x, y = _PAD_XY_M
+    for name, z in zip(PADS[finger.name], (-_PAD_Z_M, _PAD_Z_M), strict=True):
+        finger.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[PAD_RADIUS_M, 0.0, 0.0],
+            pos=[side * x, y, z],
+            contype=4,
+            conaffinity=3 | OBJECT_CONTYPE,
+            condim=4,
+            friction=[1.2, _PAD_SPIN_M, 1e-4],
+            group=2,
+            rgba=[0.3, 0.3, 0.32, 1.0],
+        )

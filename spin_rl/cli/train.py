@@ -17,8 +17,7 @@ from spin_rl.runners.dvo import check_teacher
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import read_policy
 from spin_rl.runners.warm_start import warm_start
-from spin_rl.tasks.build import env_config, plain, with_depth
-from spin_rl.tasks.observations import GROUPS, OPTIONAL_GROUPS
+from spin_rl.tasks.build import any_config, make_env, observation_groups, plain, with_depth
 
 
 def main() -> None:
@@ -34,10 +33,9 @@ def train(cfg: DictConfig) -> None:
     the reach benchmark of the result. Bad settings are found before anything is written or compiled.
     """
     from spin_rl.runners.ppo import PPORunner
-    from spin_rl.tasks.nav import NavEnv
 
     values = with_depth(plain(cfg))
-    task = env_config(values)
+    task = any_config(values)
     _check(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
@@ -50,7 +48,7 @@ def train(cfg: DictConfig) -> None:
 
     with common.announced(f"Starting {values['num_envs']} worlds on {device}"):
         # Every process draws its own worlds.
-        env = NavEnv(task, values["num_envs"], device, seed=seed + 10_000 * rank)
+        env = make_env(task, values["num_envs"], device, seed + 10_000 * rank)
     learning = values["runner"] | {"seed": seed}
     runner = PPORunner(env, learning, run_dir, device, snapshot=values)
     if checkpoint is not None:
@@ -74,7 +72,10 @@ def _check(values: dict[str, Any]) -> None:
     """Reject what needs no simulator to reject, before kernels are compiled and files written."""
     run_folder.check_call(values)
     _check_sources(values)
-    check_config(values["runner"], dict.fromkeys(GROUPS + OPTIONAL_GROUPS), values["num_envs"])
+    task = values["task"]["name"]
+    check_config(values["runner"], dict.fromkeys(observation_groups(task)), values["num_envs"])
+    if values["evaluate"] and task != "nav":
+        raise ConfigError("evaluate: training can be followed by the benchmark of task=nav only")
 
 
 def _check_sources(values: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
+from spin_rl.scenes.objects import SceneObject, add_native_object
 
 PARKED_Z_M = -50.0
 """Height of the geoms of inactive slots, far below everything that could touch them."""
@@ -43,21 +44,24 @@ def add_pool(spec: mujoco.MjSpec, pool: PoolSpec) -> None:
         _add_geom(spec, parked, slot)
 
 
-def native_model(layout: Layout | Scene, world: int = 0) -> mujoco.MjModel:
+def native_model(layout: Layout | Scene, world: int = 0, *, obj: SceneObject | None = None) -> mujoco.MjModel:
     """Compile an ordinary MuJoCo model of the robot in one world, for oracles and viewers.
 
     Args:
         layout: Scenes of all worlds, or a single scene.
         world: World index; ignored for a single scene.
+        obj: An object to grasp; with one, the robot is the grasping one.
 
     Returns:
         The model. Inactive slots have no geom; the active ones have the names of `PoolSpec.geom_names`.
     """
     scene = layout.scene(world) if isinstance(layout, Layout) else layout
-    spec = robot.load_spec()
+    spec = robot.load_spec() if obj is None else robot.load_grasp_spec()
     _add_floor(spec)
     for slot in np.flatnonzero(scene.active):
         _add_geom(spec, scene, int(slot))
+    if obj is not None:
+        add_native_object(spec, obj)
     return spec.compile()
 
 

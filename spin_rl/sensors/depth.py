@@ -43,6 +43,9 @@ class DepthCamera:
 
     Attributes:
         buffers: What the two halves of `update` share.
+        camera_site: Index of the camera's optical frame among the sites.
+        geoms: Geoms that are drawn, shape (nslot,), int32.
+        image: Pixels and field of view, as kernels read them.
         depth: z-depth [m], 0 where nothing is hit within the largest range, shape (nworld, rows, columns).
         mount_pos: Error of the camera's mounting: its shift in the site's frame [m], shape (nworld,), vec3.
         mount_rot: Likewise its turn, from the camera's actual frame to the site's, shape (nworld,), mat33.
@@ -96,12 +99,12 @@ class DepthCamera:
         nworld, device = data.geom_xpos.shape[0], data.geom_xpos.device
         self._model = model
         self._data = data
-        self._camera_site = camera_site
-        self._image = make_image(shape, tan_half_fov, max_range)
+        self.camera_site = camera_site
+        self.image = make_image(shape, tan_half_fov, max_range)
         self._by_pixel = (device.is_cuda or narrow) if by_pixel is None else by_pixel
         self.buffers = DepthBuffers.create(nworld, len(chosen), device)
         with wp.ScopedDevice(device):
-            self._geoms = wp.array(chosen, dtype=wp.int32)
+            self.geoms = wp.array(chosen, dtype=wp.int32)
             self._every_world = wp.full(nworld, True, dtype=bool)
             self.mount_pos = wp.zeros(nworld, dtype=wp.vec3)
             self.mount_rot = wp.full(nworld, wp.mat33(np.eye(3)), dtype=wp.mat33)
@@ -124,14 +127,14 @@ class DepthCamera:
             self._data.geom_xmat,
             self._model.geom_size,
             self._model.geom_type,
-            self._geoms,
+            self.geoms,
             self._data.site_xpos,
             self._data.site_xmat,
             self.mount_pos,
             self.mount_rot,
             self._every_world if mask is None else mask,
-            camera_site=self._camera_site,
-            image=self._image,
+            camera_site=self.camera_site,
+            image=self.image,
             buffers_out=self.buffers,
         )
 
@@ -140,7 +143,7 @@ class DepthCamera:
         draw_depth(
             self.buffers,
             self._every_world if mask is None else mask,
-            image=self._image,
+            image=self.image,
             by_pixel=self._by_pixel,
             depth_out=self.depth,
         )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import warp as wp
 
+from spin_rl.robot import CameraMount, is_portrait
 from spin_rl.sensors.depth_filter import DepthFilter, DepthFilterConfig
 
 
@@ -22,7 +21,7 @@ class RobotDepthFilter:
         config: DepthFilterConfig,
         shape: tuple[int, int] = (87, 58),
         *,
-        mount: Literal["portrait", "landscape"] = "portrait",
+        mount: CameraMount = "portrait",
         device: str = "cpu",
     ) -> None:
         """Compile the kernels, which may take a minute the first time.
@@ -30,17 +29,16 @@ class RobotDepthFilter:
         Args:
             config: Steps; those that the policy was trained with.
             shape: Rows and columns of the policy's image, upright in the world.
-            mount: `portrait` where the camera's own image lies on its side: its right edge is down.
+            mount: How the camera is mounted, see `upright`.
             device: Warp device.
 
         Raises:
             ValueError: The mount is neither.
         """
-        if mount not in ("portrait", "landscape"):
-            raise ValueError(f"camera mount {mount!r} is neither 'portrait' nor 'landscape'")
-        self._is_portrait = mount == "portrait"
+        along_rows = not is_portrait(mount)
+        self._mount: CameraMount = mount
         self._input = wp.zeros((1, *shape), dtype=float, device=device)
-        self._filter = DepthFilter(self._input, config, stereo_along_rows=not self._is_portrait)
+        self._filter = DepthFilter(self._input, config, stereo_along_rows=along_rows)
         self._all = wp.full(1, True, dtype=bool, device=device)
         self.depth = np.zeros(shape, dtype=np.float32)
         self._filter.update()
@@ -60,11 +58,27 @@ class RobotDepthFilter:
         Returns:
             The policy's input in [0, 1], of the policy's shape, float32.
         """
-        upright = np.rot90(image, -1) if self._is_portrait else image
-        self._input.assign(resample_depth(upright, *self._input.shape[1:])[None])
+        self._input.assign(resample_depth(upright(image, self._mount), *self._input.shape[1:])[None])
         self._filter.update()
         self.depth = self._filter.depth.numpy()[0].copy()
         return self._filter.policy.numpy()[0].copy()
+
+
+def upright(image: np.ndarray, mount: CameraMount) -> np.ndarray:
+    """Turn a camera's own image upright.
+
+    Args:
+        image: Depth or colours as the camera gives them, shape (height, width, ...).
+        mount: `portrait` where the camera's own image lies on its side: its right edge is down. `landscape`
+            images are upright already.
+
+    Returns:
+        A view, shape (width, height, ...) in portrait.
+
+    Raises:
+        ValueError: The mount is neither.
+    """
+    return np.rot90(image, -1) if is_portrait(mount) else image
 
 
 def resample_depth(image: np.ndarray, rows: int, cols: int, samples: int = 3) -> np.ndarray:

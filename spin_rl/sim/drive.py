@@ -1,4 +1,4 @@
-"""From actions to servo set-points: the robot's own low-level controller, run before every substep.
+"""From targets to servo set-points: the robot's own low-level controller, run before every substep.
 
 Joints follow their targets as first-order systems with a speed limit, which is exact at the simulator's
 timestep where stiff position servos are not; the base follows a body-frame velocity command.
@@ -11,30 +11,19 @@ import warp as wp
 from spin_rl import robot
 
 
-@wp.func
-def joint_target(a: float, low: float, default: float, high: float) -> float:
-    """Map an action to a set-point: 0 is the default pose, -1 and 1 are the limits, linear in between."""
-    if a >= 0.0:
-        return default + a * (high - default)
-    return default + a * (default - low)
-
-
 @wp.kernel
 def _drive(
     # Model
     dof_joint: wp.array(dtype=wp.int32),
     dof_share: wp.array(dtype=float),
-    joint_low: wp.array(dtype=float),
-    joint_default: wp.array(dtype=float),
-    joint_high: wp.array(dtype=float),
     joint_speed: wp.array(dtype=float),
-    base_speed: wp.array(dtype=float),
     base_acceleration: wp.array(dtype=float),
     timestep: float,
     # Per world
     lag: wp.array2d(dtype=float),
     speed_scale: wp.array(dtype=float),
-    action: wp.array2d(dtype=float),
+    base_target: wp.array2d(dtype=float),
+    target: wp.array2d(dtype=float),
     qpos: wp.array2d(dtype=float),
     # Out
     base_velocity_out: wp.array2d(dtype=float),
@@ -43,17 +32,14 @@ def _drive(
     w = wp.tid()
     scale = speed_scale[w]
 
-    forward = wp.clamp(action[w, 0], -1.0, 1.0)
-    v_target = scale * forward * wp.where(forward >= 0.0, base_speed[0], base_speed[1])
-    w_target = scale * wp.clamp(action[w, 1], -1.0, 1.0) * base_speed[2]
     blend = 1.0 - wp.exp(-timestep / lag[w, 0])
     dv = wp.clamp(
-        (v_target - base_velocity_out[w, 0]) * blend,
+        (base_target[w, 0] - base_velocity_out[w, 0]) * blend,
         -base_acceleration[0] * timestep,
         base_acceleration[0] * timestep,
     )
     dw = wp.clamp(
-        (w_target - base_velocity_out[w, 1]) * blend,
+        (base_target[w, 1] - base_velocity_out[w, 1]) * blend,
         -base_acceleration[1] * timestep,
         base_acceleration[1] * timestep,
     )
@@ -73,15 +59,14 @@ def _drive(
     for dof in range(3, ctrl_out.shape[1]):
         joint = dof_joint[dof]
         share = dof_share[dof]
-        a = wp.clamp(action[w, joint + 2], -1.0, 1.0)
-        target = share * joint_target(a, joint_low[joint], joint_default[joint], joint_high[joint])
+        goal = share * target[w, joint]
         limit = share * scale * joint_speed[joint]
-        ctrl_out[w, dof] = wp.clamp((target - qpos[w, dof]) * gain, -limit, limit)
+        ctrl_out[w, dof] = wp.clamp((goal - qpos[w, dof]) * gain, -limit, limit)
 
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """The robot's limits as the drive kernel reads them, on one device.
+    """The robot's limits as kernels read them, on one device.
 
     Attributes:
         joint_low: Lower joint limits in `robot.JOINTS` order [m or rad], shape (8,).
@@ -131,7 +116,8 @@ def drive(
     *,
     lag: wp.array,
     speed_scale: wp.array,
-    action: wp.array,
+    base_target: wp.array,
+    target: wp.array,
     qpos: wp.array,
     base_velocity: wp.array,
     ctrl: wp.array,
@@ -143,8 +129,9 @@ def drive(
         timestep: Substep [s].
         lag: Time constants of base and joints [s], shape (nworld, 2).
         speed_scale: Factor on every speed limit, shape (nworld,).
-        action: Actions in [-1, 1] in `robot.ACTIONS` order (clipped here), shape (nworld, 10).
-        qpos: Generalized positions, shape (nworld, 13).
+        base_target: Forward [m/s] and turning [rad/s] speed that the base shall reach, shape (nworld, 2).
+        target: Joint targets in `robot.JOINTS` order [m or rad], shape (nworld, 8).
+        qpos: Generalized positions, the robot's first, shape (nworld, 13 or more).
         base_velocity: Body-frame forward [m/s] and turning [rad/s] velocity commanded so far, shape
             (nworld, 2); updated in place.
         ctrl: Output, velocity set-point of each degree of freedom, shape (nworld, 13).
@@ -155,16 +142,13 @@ def drive(
         inputs=[
             limits.dof_joint,
             limits.dof_share,
-            limits.joint_low,
-            limits.joint_default,
-            limits.joint_high,
             limits.joint_speed,
-            limits.base_speed,
             limits.base_acceleration,
             timestep,
             lag,
             speed_scale,
-            action,
+            base_target,
+            target,
             qpos,
         ],
         outputs=[base_velocity, ctrl],

@@ -20,6 +20,7 @@ def _set_start_state(
     # Out
     qpos_out: wp.array2d(dtype=float),
     base_velocity_out: wp.array2d(dtype=float),
+    target_out: wp.array2d(dtype=float),
     action_out: wp.array2d(dtype=float),
 ) -> None:
     w = wp.tid()
@@ -27,7 +28,7 @@ def _set_start_state(
         return
     for i in range(3):
         qpos_out[w, i] = start[w][i]
-    for dof in range(3, qpos_out.shape[1]):
+    for dof in range(3, dof_joint.shape[0]):
         qpos_out[w, dof] = dof_share[dof] * start_joints[w, dof_joint[dof]]
     base_velocity_out[w, 0] = 0.0
     base_velocity_out[w, 1] = 0.0
@@ -35,6 +36,7 @@ def _set_start_state(
     action_out[w, 0] = 0.0
     action_out[w, 1] = 0.0
     for joint in range(start_joints.shape[1]):
+        target_out[w, joint] = start_joints[w, joint]
         offset = start_joints[w, joint] - joint_default[joint]
         if offset >= 0.0:
             span = joint_high[joint] - joint_default[joint]
@@ -51,6 +53,7 @@ def set_start_state(
     start_joints: wp.array,
     qpos: wp.array,
     base_velocity: wp.array,
+    target: wp.array,
     action: wp.array,
 ) -> None:
     """Write the start pose of the masked worlds into the simulator's state.
@@ -60,9 +63,10 @@ def set_start_state(
         mask: Worlds to write, shape (nworld,), bool.
         start: Base pose (x [m], y [m], yaw [rad]) in the world, shape (nworld,).
         start_joints: Joint positions in `robot.JOINTS` order [m or rad], shape (nworld, 8).
-        qpos: Output, generalized positions, shape (nworld, 13).
+        qpos: Output, generalized positions, the robot's first, shape (nworld, 13 or more).
         base_velocity: Output, commanded base velocity (zero), shape (nworld, 2).
-        action: Output, the action that holds the start pose, shape (nworld, 10).
+        target: Output, the joint targets (the start pose), shape (nworld, 8).
+        action: Output, the action that would hold the start pose in the absolute mode, shape (nworld, 10).
     """
     wp.launch(
         _set_start_state,
@@ -77,6 +81,6 @@ def set_start_state(
             start,
             start_joints,
         ],
-        outputs=[qpos, base_velocity, action],
+        outputs=[qpos, base_velocity, target, action],
         device=qpos.device,
     )

@@ -13,8 +13,13 @@ from spin_rl import robot
 from spin_rl.scenes.builder import add_pool, write_geoms
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.motion import move_slots, restart_motion
+from spin_rl.scenes.object_model import MODEL_FIELDS
+from spin_rl.scenes.objects import add_object
 from spin_rl.sim import drive as drive_module
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.manipulation import GraspForces, Manipulation, ManipulationConfig, ObjectState
 from spin_rl.sim.reset import set_start_state
+from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, IncrementConfig, make_increments, set_targets
 from spin_rl.warp_kernels.contacts import clear_part_contacts, part_contacts
 
 # Bits of mujoco_warp's Data.overflow that say that contacts or constraints were dropped, with the SimConfig
@@ -28,52 +33,7 @@ OVERFLOWS: dict[str, tuple[int, str | None]] = {
     "ccd": (int(mjw.OverflowType.CCD), "contacts_per_world"),
     "epa_horizon": (int(mjw.OverflowType.EPA_HORIZON), None),
 }
-OVERFLOW_MODES = ("count", "raise")
-
-
-@dataclass(frozen=True)
-class SimConfig:
-    """Options of the batched physics.
-
-    Attributes:
-        timestep: Physics step [s].
-        substeps: Physics steps per control step; the control period is their product.
-        iterations: Constraint solver iterations.
-        ls_iterations: Line-search iterations.
-        contacts_per_world: Contacts allocated per world, on average over the worlds.
-        constraints_per_world: Constraint rows allocated for each world.
-        overflow: What to do about dropped contacts and constraints: "count" them in the statistics, or
-            "raise" an error when the statistics are read.
-    """
-
-    timestep: float = 0.02
-    substeps: int = 5
-    iterations: int = 4
-    ls_iterations: int = 8
-    contacts_per_world: int = 24
-    constraints_per_world: int = 96
-    overflow: str = "count"
-
-    def __post_init__(self) -> None:
-        """Reject values that physics cannot run with."""
-        if not 0.0 < self.timestep <= 0.05:
-            raise ValueError(f"sim.timestep must be in (0, 0.05] s, got {self.timestep}")
-        for name in (
-            "substeps",
-            "iterations",
-            "ls_iterations",
-            "contacts_per_world",
-            "constraints_per_world",
-        ):
-            if getattr(self, name) < 1:
-                raise ValueError(f"sim.{name} must be at least 1, got {getattr(self, name)}")
-        if self.overflow not in OVERFLOW_MODES:
-            raise ValueError(f"sim.overflow must be {' or '.join(OVERFLOW_MODES)}, got {self.overflow!r}")
-
-    @property
-    def control_period(self) -> float:
-        """Time between two actions [s]."""
-        return self.timestep * self.substeps
+_SCENE_FIELDS = ("geom_size", "geom_rbound", "geom_aabb")
 
 
 @dataclass
@@ -104,12 +64,17 @@ class Contacts:
 
 @dataclass
 class Views:
-    """Zero-copy Torch views of simulator memory; see the Warp arrays of the same names."""
+    """Zero-copy Torch views of simulator memory; see the Warp arrays of the same names.
+
+    With manipulation, `qpos` and `qvel` end with the object's free joint.
+    """
 
     qpos: torch.Tensor
     qvel: torch.Tensor
     site_pos: torch.Tensor
     action: torch.Tensor
+    target: torch.Tensor
+    mode: torch.Tensor
     base_velocity: torch.Tensor
     part_contacts: torch.Tensor
     self_contact: torch.Tensor
@@ -121,6 +86,11 @@ class Simulation:
 
     Arrays are allocated here once and never replaced: captured graphs keep their addresses. All methods but
     the constructor only launch kernels, so that a task can capture them with its own in one graph.
+
+    Attributes:
+        target: Joint targets in `robot.JOINTS` order [m or rad], shape (nworld, 8).
+        mode: How actions are read, `targets.ABSOLUTE` (navigation) or `targets.INCREMENTAL` (manipulation),
+            shape (nworld,), int32; the latter only with manipulation, where it is the default.
     """
 
     def __init__(
@@ -132,6 +102,7 @@ class Simulation:
         device: str,
         *,
         moving: bool = False,
+        manipulation: ManipulationConfig | None = None,
     ) -> None:
         """Compile the model and allocate every world.
 
@@ -142,15 +113,17 @@ class Simulation:
             config: Physics options.
             device: Warp device, "cpu" or "cuda:N".
             moving: Whether obstacles may move; otherwise nothing is launched for it.
+            manipulation: Options of the grasping robot and the object to grasp; without them there is the
+                robot for navigation alone.
         """
         self.nworld = nworld
         self._moving = moving
         self.device = device
         self.config = config
         self.layout = Layout(nworld, pool, device)
-        self.mj_model = _compile(pool, config)
+        self.mj_model = _compile(pool, config, with_object=manipulation is not None)
         with wp.ScopedDevice(device):
-            fields = ("geom_size", "geom_rbound", "geom_aabb")
+            fields = _SCENE_FIELDS if manipulation is None else sorted({*_SCENE_FIELDS, *MODEL_FIELDS})
             self.model = mjw.put_model(self.mj_model, batch_sizes=dict.fromkeys(fields, nworld))
             self.model.opt.warn_overflow = 0
             self.data = mjw.make_data(
@@ -161,6 +134,10 @@ class Simulation:
             )
             self.action = wp.zeros((nworld, len(robot.ACTIONS)), dtype=float)
             self.base_velocity = wp.zeros((nworld, 2), dtype=float)
+            self._base_target = wp.zeros((nworld, 2), dtype=float)
+            self.target = wp.zeros((nworld, len(robot.JOINTS)), dtype=float)
+            mode = ABSOLUTE if manipulation is None else INCREMENTAL
+            self.mode = wp.full(nworld, int(mode), dtype=wp.int32)
             self.dynamics = Dynamics(
                 lag=wp.array(
                     [[profile.base_time_constant, profile.joint_time_constant]] * nworld, dtype=float
@@ -178,31 +155,76 @@ class Simulation:
             # Everything that belongs to the world body: the floor and the scene pool.
             self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
             self._limits = drive_module.DriveLimits.create(profile, device)
+        self._manipulation = None
+        self._increments = make_increments(IncrementConfig(), config.control_period, device)
+        if manipulation is not None:
+            self._manipulation = Manipulation(
+                manipulation, nworld, self.mj_model, self.model, self.data, config.control_period, device
+            )
+            self._increments = self._manipulation.increments
         self.views = Views(
             qpos=wp.to_torch(self.data.qpos),
             qvel=wp.to_torch(self.data.qvel),
             site_pos=wp.to_torch(self.data.site_xpos),
             action=wp.to_torch(self.action),
+            target=wp.to_torch(self.target),
+            mode=wp.to_torch(self.mode),
             base_velocity=wp.to_torch(self.base_velocity),
             part_contacts=wp.to_torch(self.contacts.parts),
             self_contact=wp.to_torch(self.contacts.self_contact),
             goal=wp.to_torch(self.layout.goal),
         )
 
+    @property
+    def object(self) -> ObjectState:
+        """The object to grasp.
+
+        Raises:
+            RuntimeError: The simulation has none.
+        """
+        return self._require_manipulation().object
+
+    @property
+    def grasp(self) -> GraspForces:
+        """Forces of the last control step.
+
+        Raises:
+            RuntimeError: The simulation has no object.
+        """
+        return self._require_manipulation().grasp
+
+    def _require_manipulation(self) -> Manipulation:
+        if self._manipulation is None:
+            raise RuntimeError("this simulation was made without manipulation")
+        return self._manipulation
+
     def advance(self) -> None:
-        """Run one control step: drive, moving obstacles and physics for every substep, then flag contacts.
+        """Run one control step: set targets; drive, move obstacles and step physics; read contacts.
 
         A flag is set if there was contact in any substep. mujoco_warp finds contacts at the start of a
         substep, so what begins in the last one shows in the next control step.
         """
         clear_part_contacts(self.contacts.parts, self.contacts.self_contact)
+        if self._manipulation is not None:
+            self._manipulation.grasp.clear()
+        set_targets(
+            self._limits,
+            self._increments,
+            mode=self.mode,
+            speed_scale=self.dynamics.speed_scale,
+            action=self.action,
+            qpos=self.data.qpos,
+            base_target=self._base_target,
+            target=self.target,
+        )
         for _ in range(self.config.substeps):
             drive_module.drive(
                 self._limits,
                 self.config.timestep,
                 lag=self.dynamics.lag,
                 speed_scale=self.dynamics.speed_scale,
-                action=self.action,
+                base_target=self._base_target,
+                target=self.target,
                 qpos=self.data.qpos,
                 base_velocity=self.base_velocity,
                 ctrl=self.data.ctrl,
@@ -227,6 +249,8 @@ class Simulation:
                 part_out=self.contacts.parts,
                 self_out=self.contacts.self_contact,
             )
+            if self._manipulation is not None:
+                self._manipulation.grasp.add_substep(self.data)
 
     def reset(self, mask: wp.array) -> None:
         """Put the masked worlds at their layout's start state and scene; the others are left alone.
@@ -254,8 +278,11 @@ class Simulation:
             start_joints=self.layout.start_joints,
             qpos=self.data.qpos,
             base_velocity=self.base_velocity,
+            target=self.target,
             action=self.action,
         )
+        if self._manipulation is not None:
+            self._manipulation.reset(mask, self.data, self.mode, self.action)
 
     def forward(self) -> None:
         """Bring body, geom and site poses in line with the current positions."""
@@ -268,14 +295,16 @@ def _geom_parts(model: mujoco.MjModel) -> list[int]:
     for geom in range(model.ngeom):
         collides = model.geom_bodyid[geom] > 0 and (model.geom_contype[geom] or model.geom_conaffinity[geom])
         name = model.geom(geom).name.rstrip("0123456789").rstrip("_")
-        parts.append(robot.PARTS.index(name) if collides else -1)
+        parts.append(robot.PARTS.index(name) if collides and name in robot.PARTS else -1)
     return parts
 
 
-def _compile(pool: PoolSpec, config: SimConfig) -> mujoco.MjModel:
-    """Compile the robot and an empty pool of scene geoms."""
-    spec = robot.load_spec()
+def _compile(pool: PoolSpec, config: SimConfig, *, with_object: bool) -> mujoco.MjModel:
+    """Compile the robot, the grasping one if there is an object, and an empty pool of scene geoms."""
+    spec = robot.load_grasp_spec() if with_object else robot.load_spec()
     add_pool(spec, pool)
+    if with_object:
+        add_object(spec)
     spec.option.timestep = config.timestep
     spec.option.iterations = config.iterations
     spec.option.ls_iterations = config.ls_iterations

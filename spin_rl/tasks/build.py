@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, TypeVar
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
@@ -11,11 +11,18 @@ from omegaconf import DictConfig, OmegaConf
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.params import GeneratorParams
+from spin_rl.scenes.tabletop_params import TabletopParams
 from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.sim import SimConfig
+from spin_rl.tasks import nav, pick, pick_rewards, rewards
+from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.depth import image_shape
-from spin_rl.tasks.rewards import check_scales
+from spin_rl.tasks.observations import GROUPS, OPTIONAL_GROUPS
+from spin_rl.tasks.pick_config import PickConfig
+from spin_rl.tasks.pick_observations import PICK_GROUPS
+
+T = TypeVar("T")
 
 
 def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
@@ -52,16 +59,44 @@ def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:
     Raises:
         ConfigError: An unknown key or an impossible value, named in the message.
     """
+    return _task_config(cfg, "nav", NavConfig, GeneratorParams, rewards.TERMS)
+
+
+def pick_config(cfg: DictConfig | Mapping[str, Any]) -> PickConfig:
+    """Build the pick task's configuration from the same groups; see `env_config`."""
+    return _task_config(cfg, "pick", PickConfig, TabletopParams, pick_rewards.TERMS)
+
+
+def any_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig | PickConfig:
+    """Build the configuration of the task that `task.name` names; see `env_config`."""
+    return pick_config(cfg) if cfg["task"]["name"] == "pick" else env_config(cfg)
+
+
+def observation_groups(task: str) -> tuple[str, ...]:
+    """Return the observation groups of the task of a name, those that it may have included."""
+    return (*(PICK_GROUPS if task == "pick" else GROUPS), *OPTIONAL_GROUPS)
+
+
+def make_env(cfg: NavConfig | PickConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
+    """Start a task in a number of worlds on a device."""
+    if isinstance(cfg, PickConfig):
+        return pick.PickEnv(cfg, num_envs, device, seed=seed)
+    return nav.NavEnv(cfg, num_envs, device, seed=seed)
+
+
+def _task_config(
+    cfg: DictConfig | Mapping[str, Any], name: str, kind: type[T], scene: type, terms: Collection[str]
+) -> T:
     values = plain(cfg)
     task = dict(values["task"])
-    name = task.pop("name")
-    if name != "nav":
-        raise ConfigError(f"task: {name!r} is not a task of this command; use nav")
+    given = task.pop("name")
+    if given != name:
+        raise ConfigError(f"task: {given!r} is not a task of this command; use {name}")
     groups = {
         "robot_profile": _robot_profile(values["robot"]),
-        "scene": from_mapping(GeneratorParams, values["scene"], "scene"),
+        "scene": from_mapping(scene, values["scene"], "scene"),
         "sim": from_mapping(SimConfig, values["sim"], "sim"),
-        "reward": _reward(values.get("reward") or {}),
+        "reward": _reward(values.get("reward") or {}, terms),
         "depth": from_mapping(DepthConfig, values.get("depth") or {}, "depth"),
     }
     if not _depth_is_enabled(task.pop("depth", {})):
@@ -69,7 +104,7 @@ def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:
     for name in groups:
         if name in task:
             raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
-    return from_mapping(NavConfig, task | groups, "task")
+    return from_mapping(kind, task | groups, "task")
 
 
 def with_depth(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,8 +149,8 @@ def _robot_profile(values: Mapping[str, Any]) -> str:
     return profile
 
 
-def _reward(values: Mapping[str, Any]) -> dict[str, float]:
+def _reward(values: Mapping[str, Any], terms: Collection[str]) -> dict[str, float]:
     try:
-        return check_scales(dict(values))
+        return rewards.check_scales(dict(values), terms)
     except ValueError as error:
         raise ConfigError(str(error)) from error

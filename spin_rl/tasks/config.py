@@ -1,4 +1,4 @@
-"""What defines the navigation task: one dataclass per group of settings, with the defaults of the code."""
+"""What defines a task: one dataclass per group of settings, with the defaults of the code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from spin_rl.scenes.generator import GeneratorParams
 from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.sim import SimConfig
 from spin_rl.tasks import rewards
-from spin_rl.tasks.observations import CAMERA_JOINTS, NoiseConfig
+from spin_rl.tasks.observations import NoiseConfig
+from spin_rl.tasks.proprioception import CAMERA_JOINTS
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ class ScandotsConfig:
 
 
 @dataclass(frozen=True)
-class NavConfig:
-    """Everything that defines the navigation task.
+class TaskConfig:
+    """What every task has.
 
     Attributes:
         robot_profile: Key of `robot.SPEED_PROFILES`.
@@ -92,18 +93,10 @@ class NavConfig:
         camera_pose: Head pan and tilt [rad] at which the camera is frozen, whatever the policy asks for
             (paper, FixCam); None leaves the camera to the policy.
         episode_s: Time limit of an episode [s].
-        goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
-        stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
-        scenario: 1 straight, 2 L-shaped, 0 a mix of both.
-        difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
-        clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
         reward: Scale of each reward term.
-        scene: Parameters of the layout generator.
-        scandots: Visibility options.
         depth: Noise and filter of the depth camera; None renders no images.
         curriculum: Movement of the training level.
         dynamics: Randomization of servos.
-        noise: Sensor noise.
         sim: Physics options.
     """
 
@@ -111,20 +104,10 @@ class NavConfig:
     camera_mount: str = "portrait"
     camera_pose: tuple[float, float] | None = None
     episode_s: float = 30.0
-    goal_tolerance_m: float = 0.15
-    stop_on_collision: bool = True
-    scenario: int = 0
-    difficulty: int = -1
-    clearance_m: float = 0.15
-    reward: dict[str, float] = field(
-        default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
-    )
-    scene: GeneratorParams = field(default_factory=GeneratorParams)
-    scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+    reward: dict[str, float] = field(default_factory=dict)
     depth: DepthConfig | None = None
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
     sim: SimConfig = field(default_factory=SimConfig)
 
     def __post_init__(self) -> None:
@@ -139,6 +122,38 @@ class NavConfig:
                 raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
         if not self.sim.control_period < self.episode_s < math.inf:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
+
+
+@dataclass(frozen=True)
+class NavConfig(TaskConfig):
+    """Everything that defines the navigation task.
+
+    Attributes:
+        goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
+        stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
+        scenario: 1 straight, 2 L-shaped, 0 a mix of both.
+        difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
+        clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
+        scene: Parameters of the layout generator.
+        scandots: Visibility options.
+        noise: Sensor noise.
+    """
+
+    goal_tolerance_m: float = 0.15
+    stop_on_collision: bool = True
+    scenario: int = 0
+    difficulty: int = -1
+    clearance_m: float = 0.15
+    reward: dict[str, float] = field(
+        default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
+    )
+    scene: GeneratorParams = field(default_factory=GeneratorParams)
+    scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        super().__post_init__()
         if not 0.0 < self.goal_tolerance_m < math.inf:
             raise ValueError(f"task.goal_tolerance_m must be positive, got {self.goal_tolerance_m}")
         if not 0.0 < self.clearance_m < math.inf:

@@ -1,4 +1,4 @@
-"""Kernels that end and begin navigation episodes on the device."""
+"""Kernels that end and begin navigation episodes on the device, and what tasks share of that."""
 
 import warp as wp
 
@@ -23,6 +23,21 @@ def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
     if bend != 0:
         return wp.abs(dx) + wp.abs(dy)
     return wp.sqrt(dx * dx + dy * dy)
+
+
+@wp.func
+def draw_servos(
+    seed: int,
+    w: int,
+    episode: int,
+    lag_range: wp.array2d(dtype=float),
+    speed_range: wp.array(dtype=float),
+) -> wp.vec3:
+    """Draw the time constants of base and joints [s] and the factor on all speeds of a world's episode."""
+    rng = wp.rand_init(seed + 7919, w * 1000003 + episode)
+    base = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
+    joint = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
+    return wp.vec3(base, joint, wp.randf(rng, speed_range[0], speed_range[1]))
 
 
 @wp.kernel
@@ -121,11 +136,11 @@ def _begin_episodes(
         return
     episode_length_out[w] = 0
     distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
-    rng = wp.rand_init(seed[0] + 7919, w * 1000003 + counter[w])
+    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
     counter[w] = counter[w] + 1
-    lag_out[w, 0] = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
-    lag_out[w, 1] = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
-    speed_scale_out[w] = wp.randf(rng, speed_range[0], speed_range[1])
+    lag_out[w, 0] = drawn[0]
+    lag_out[w, 1] = drawn[1]
+    speed_scale_out[w] = drawn[2]
 
 
 @wp.kernel

@@ -1,4 +1,4 @@
-"""Reward terms of the navigation task: short functions of what one control step did.
+"""Reward terms of the navigation task and of all tasks: short functions of what one control step did.
 
 Every term returns shape (num_envs,) and is multiplied by its scale from the configuration. The terms' sources
 and the readings of the paper's equation for r_nav are in docs/paper_deviations.md.
@@ -7,8 +7,9 @@ and the readings of the paper's equation for r_nav are in docs/paper_deviations.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 
@@ -19,19 +20,33 @@ _CAMERA = slice(robot.DOF_NAMES.index("head_pan"), robot.DOF_NAMES.index("head_t
 
 
 @dataclass
-class Transition:
-    """What a control step did, read before worlds that ended were reset.
+class Motion:
+    """What a control step of any task did, read before worlds that ended were reset.
+
+    Attributes:
+        qvel: Generalized velocities [m/s, rad/s], shape (num_envs, nv); the robot's 13 come first.
+        success: Whether the task's aim is reached, shape (num_envs,), bool.
+        collision: Whether the robot hit what it must not hit, shape (num_envs,), bool.
+        action: The action of this step, shape (num_envs, 10).
+        last_action: The action before, shape (num_envs, 10).
+    """
+
+    qvel: torch.Tensor
+    success: torch.Tensor
+    collision: torch.Tensor
+    action: torch.Tensor
+    last_action: torch.Tensor
+
+
+@dataclass
+class Transition(Motion):
+    """What a control step of the navigation task did; `success`: at the goal, `collision`: with the scene.
 
     Attributes:
         progress: Decrease of the path length left to the goal [m], shape (num_envs,).
         goal_distance: Straight distance from the base to the goal [m], shape (num_envs,).
         goal_speed: Base velocity towards the goal [m/s], shape (num_envs,).
-        qvel: Generalized velocities [m/s, rad/s], shape (num_envs, 13).
-        success: Whether the goal was reached, shape (num_envs,), bool.
-        collision: Whether a part touched the scene, shape (num_envs,), bool.
         self_contact: Whether the gripper touched the base, shape (num_envs,), bool.
-        action: The action of this step, shape (num_envs, 10).
-        last_action: The action before, shape (num_envs, 10).
         haste: Largest squared speed of a part of the robot times its nearness to the scene [m^2/s^2] (see
             `sensors.clearance`), zeros where no term needs it, shape (num_envs,).
     """
@@ -39,12 +54,7 @@ class Transition:
     progress: torch.Tensor
     goal_distance: torch.Tensor
     goal_speed: torch.Tensor
-    qvel: torch.Tensor
-    success: torch.Tensor
-    collision: torch.Tensor
     self_contact: torch.Tensor
-    action: torch.Tensor
-    last_action: torch.Tensor
     haste: torch.Tensor
 
 
@@ -53,13 +63,13 @@ def progress(step: Transition) -> torch.Tensor:
     return step.progress
 
 
-def success(step: Transition) -> torch.Tensor:
-    """One on the step that reaches the goal."""
+def success(step: Motion) -> torch.Tensor:
+    """One on a step at the task's aim: the one that reaches the goal, those that hold the object up."""
     return step.success.float()
 
 
-def collision(step: Transition) -> torch.Tensor:
-    """One on the step that touches the scene."""
+def collision(step: Motion) -> torch.Tensor:
+    """One on a step that hits what must not be hit."""
     return step.collision.float()
 
 
@@ -68,9 +78,9 @@ def self_contact(step: Transition) -> torch.Tensor:
     return step.self_contact.float()
 
 
-def time(step: Transition) -> torch.Tensor:
+def time(step: Motion) -> torch.Tensor:
     """One on every step."""
-    return torch.ones_like(step.progress)
+    return torch.ones_like(step.qvel[:, 0])
 
 
 def goal_distance(step: Transition) -> torch.Tensor:
@@ -83,13 +93,13 @@ def goal_speed(step: Transition) -> torch.Tensor:
     return step.goal_speed.abs()
 
 
-def joint_velocity(step: Transition) -> torch.Tensor:
+def joint_velocity(step: Motion) -> torch.Tensor:
     """Speed of arm stretch and camera joints [m/s + rad/s] (paper, Reward Scales)."""
     # Slices: an index list would be copied to the device in every step.
     return step.qvel[:, _ARM].abs().sum(-1) + step.qvel[:, _CAMERA].abs().sum(-1)
 
 
-def action_rate(step: Transition) -> torch.Tensor:
+def action_rate(step: Motion) -> torch.Tensor:
     """Squared change of the clipped action since the last step."""
     return (step.action - step.last_action).square().sum(-1)
 
@@ -103,7 +113,10 @@ def clearance(step: Transition) -> torch.Tensor:
     return step.haste
 
 
-TERMS: dict[str, Callable[[Transition], torch.Tensor]] = {
+Term = Callable[[Any], torch.Tensor]
+"""From the `Motion` of a task to a value per world, shape (num_envs,)."""
+
+TERMS: dict[str, Term] = {
     "progress": progress,
     "success": success,
     "collision": collision,
@@ -117,11 +130,19 @@ TERMS: dict[str, Callable[[Transition], torch.Tensor]] = {
 }
 
 
-def check_scales(scales: dict[str, float]) -> dict[str, float]:
-    """Return the scales that are not zero; raise a ValueError that names an unknown term or a bad scale."""
+def check_scales(scales: dict[str, float], terms: Collection[str] = TERMS) -> dict[str, float]:
+    """Return the scales that are not zero.
+
+    Args:
+        scales: Scale by term.
+        terms: Terms that the task knows.
+
+    Raises:
+        ValueError: A term is unknown or a scale is no finite number; the message names the key.
+    """
     for name, scale in scales.items():
-        if name not in TERMS:
-            raise ValueError(f"reward.{name}: unknown term; choose from {', '.join(TERMS)}")
+        if name not in terms:
+            raise ValueError(f"reward.{name}: unknown term; choose from {', '.join(terms)}")
         if isinstance(scale, bool) or not isinstance(scale, int | float) or not math.isfinite(scale):
             raise ValueError(f"reward.{name}: the scale must be a finite number, got {scale!r}")
     return {name: float(scale) for name, scale in scales.items() if scale != 0.0}

@@ -93,6 +93,37 @@ def _draw_worlds(
     shapes.pixels_to_depth(depth_out, begin, count, image.inverse_max_range)
 
 
+@wp.func
+def inverse_depth_at(kind: int, lines: wp.array[wp.vec3], first: int, row: float, column: float) -> float:
+    """Inverse depth [1/m] of a solid at one pixel, at most 0 where it is not hit.
+
+    Args:
+        kind: Kind of its record.
+        lines: Records of ``RECORD_SIZE`` vectors, flat.
+        first: Where its record begins.
+        row: Row of the pixel.
+        column: Its column.
+    """
+    inverse = float(0.0)
+    if kind == PLANE:
+        inverse = shapes.plane_at(lines, first, row, column)
+    elif kind == BOX:
+        inverse = shapes.box0_at(lines, first, row, column)
+    elif kind == BOX + 1:
+        inverse = shapes.box1_at(lines, first, row, column)
+    elif kind == BOX + 2:
+        inverse = shapes.box2_at(lines, first, row, column)
+    elif kind == BOX + 3:
+        inverse = shapes.box3_at(lines, first, row, column)
+    elif kind == ELLIPSOID:
+        inverse = shapes.ellipsoid_at(lines, first, row, column)
+    elif kind == CYLINDER:
+        inverse = shapes.cylinder_at(lines, first, row, column)
+    elif kind == CAPSULE:
+        inverse = shapes.capsule_at(lines, first, row, column)
+    return inverse
+
+
 @wp.kernel
 def _draw_pixels(
     # In
@@ -119,23 +150,7 @@ def _draw_pixels(
             continue
         what = kind[world, slot]
         first = (world * shown.shape[1] + slot) * RECORD_SIZE
-        inverse = float(0.0)
-        if what == PLANE:
-            inverse = shapes.plane_at(lines, first, u, v)
-        elif what == BOX:
-            inverse = shapes.box0_at(lines, first, u, v)
-        elif what == BOX + 1:
-            inverse = shapes.box1_at(lines, first, u, v)
-        elif what == BOX + 2:
-            inverse = shapes.box2_at(lines, first, u, v)
-        elif what == BOX + 3:
-            inverse = shapes.box3_at(lines, first, u, v)
-        elif what == ELLIPSOID:
-            inverse = shapes.ellipsoid_at(lines, first, u, v)
-        elif what == CYLINDER:
-            inverse = shapes.cylinder_at(lines, first, u, v)
-        elif what == CAPSULE:
-            inverse = shapes.capsule_at(lines, first, u, v)
+        inverse = inverse_depth_at(what, lines, first, u, v)
         best = wp.max(best, inverse)
     depth_out[(world * image.rows + row) * image.columns + column] = wp.where(
         best > image.inverse_max_range, 1.0 / best, 0.0

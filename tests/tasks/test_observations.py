@@ -9,7 +9,8 @@ from nav_worlds import actions, run
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.tasks.config import NavConfig
-from spin_rl.tasks.observations import GOAL_SCALE_M, GROUPS, PROPRIO, NoiseConfig
+from spin_rl.tasks.observations import GOAL_SCALE_M, GROUPS, NoiseConfig
+from spin_rl.tasks.proprioception import PROPRIO
 
 DOF = {name: i for i, name in enumerate(robot.DOF_NAMES)}
 

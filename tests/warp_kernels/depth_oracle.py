@@ -26,8 +26,8 @@ def directions(tan=TAN, shape=SHAPE) -> np.ndarray:
     return np.stack([*np.meshgrid(x, y, indexing="ij"), np.ones(shape)], -1)
 
 
-def mujoco_depth(m, d, site, tan=TAN, shape=SHAPE, max_range=MAX_RANGE_M, shift=(0.0, 0.0)) -> np.ndarray:
-    """z-depth of one world by `mj_multiRay`; `shift` moves all rays in x and y."""
+def mujoco_hits(m, d, site, tan=TAN, shape=SHAPE, max_range=MAX_RANGE_M, shift=(0.0, 0.0)):
+    """Geoms, -1 for none, and z-depths of one world by `mj_multiRay`; `shift` moves all rays in x and y."""
     rays = (directions(tan, shape) + [*shift, 0.0]).reshape(-1, 3)
     length = np.linalg.norm(rays, axis=1)
     world = (rays / length[:, None]) @ d.site_xmat[site].reshape(3, 3).T
@@ -37,8 +37,14 @@ def mujoco_depth(m, d, site, tan=TAN, shape=SHAPE, max_range=MAX_RANGE_M, shift=
     mujoco.mj_multiRay(
         *scene, d.site_xpos[site], world.ravel(), _GROUPS, True, body, geom, distance, None, len(rays), far
     )
-    depth = np.where(geom >= 0, distance / length, 0.0)
-    return np.where(depth <= max_range, depth, 0.0).reshape(shape)
+    depth = distance / length
+    hit = (geom >= 0) & (depth <= max_range)
+    return np.where(hit, geom, -1).reshape(shape), np.where(hit, depth, 0.0).reshape(shape)
+
+
+def mujoco_depth(*args, **options) -> np.ndarray:
+    """z-depth by `mujoco_hits`."""
+    return mujoco_hits(*args, **options)[1]
 
 
 def clear_cut(m, d, site, tan=TAN, shape=SHAPE, max_range=MAX_RANGE_M) -> np.ndarray:
@@ -79,6 +85,8 @@ class Worlds:
             geom_xmat=self._array([d.geom_xmat.reshape(-1, 3, 3) for _, d in worlds], wp.mat33, device),
             site_xpos=self._array([d.site_xpos for _, d in worlds], wp.vec3, device),
             site_xmat=self._array([d.site_xmat.reshape(-1, 3, 3) for _, d in worlds], wp.mat33, device),
+            xpos=self._array([d.xpos for _, d in worlds], wp.vec3, device),
+            xmat=self._array([d.xmat.reshape(-1, 3, 3) for _, d in worlds], wp.mat33, device),
         )
         options = {"tan_half_fov": TAN, "shape": SHAPE, "max_range": MAX_RANGE_M, **options}
         self.camera = DepthCamera(self.m, self.model, self.data, camera_site=0, **options)

@@ -1,0 +1,52 @@
+"""Options of the batched physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+OVERFLOW_MODES = ("count", "raise")
+
+
+@dataclass(frozen=True)
+class SimConfig:
+    """Options of the batched physics.
+
+    Attributes:
+        timestep: Physics step [s].
+        substeps: Physics steps per control step; the control period is their product.
+        iterations: Constraint solver iterations.
+        ls_iterations: Line-search iterations.
+        contacts_per_world: Contacts allocated per world, on average over the worlds.
+        constraints_per_world: Constraint rows allocated for each world.
+        overflow: What to do about dropped contacts and constraints: "count" them in the statistics, or
+            "raise" an error when the statistics are read.
+    """
+
+    timestep: float = 0.02
+    substeps: int = 5
+    iterations: int = 4
+    ls_iterations: int = 8
+    contacts_per_world: int = 24
+    constraints_per_world: int = 96
+    overflow: str = "count"
+
+    def __post_init__(self) -> None:
+        """Reject values that physics cannot run with."""
+        if not 0.0 < self.timestep <= 0.05:
+            raise ValueError(f"sim.timestep must be in (0, 0.05] s, got {self.timestep}")
+        for name in (
+            "substeps",
+            "iterations",
+            "ls_iterations",
+            "contacts_per_world",
+            "constraints_per_world",
+        ):
+            if getattr(self, name) < 1:
+                raise ValueError(f"sim.{name} must be at least 1, got {getattr(self, name)}")
+        if self.overflow not in OVERFLOW_MODES:
+            raise ValueError(f"sim.overflow must be {' or '.join(OVERFLOW_MODES)}, got {self.overflow!r}")
+
+    @property
+    def control_period(self) -> float:
+        """Time between two actions [s]."""
+        return self.timestep * self.substeps

@@ -1,0 +1,182 @@
+"""Observation groups of the pick task, everything relative to the robot (SPIN 2.1.1).
+
+    proprio       (num_envs, 31)  see PROPRIO in `proprioception.py`
+    hand          (num_envs, 7)   x and z axis of the gripper in the base frame, and the grip: target of the
+                                  fingers minus where they are [rad]
+    object_start  (num_envs, 3)   o_i: where the object was at the start of the episode, in the base frame
+                                  now [m]
+    object        (num_envs, 10)  F(o_t): 1, where the object is now in the base frame [m], and from the grasp
+                                  centre in the gripper's axes, in units of 0.2 m and of 0.05 m, clipped to
+                                  [-1, 1]; all 0 while the camera does not see it
+    privileged    (num_envs, 40)  for the critic, see PRIVILEGED
+    depth         (num_envs, rows * cols)  image, uint8, see `DepthImages.observe`; if enabled
+
+The gripper's axes are those of the grasp centre: x out of the gripper, y from finger to finger.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+from tensordict import TensorDict
+
+from spin_rl import robot
+from spin_rl.scenes.objects import OBJECTS
+from spin_rl.sensors.object_sight import ObjectSight
+from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.depth import DepthImages
+from spin_rl.tasks.proprioception import Proprioception, ProprioNoise, joints, rotate
+
+PICK_GROUPS = ("proprio", "hand", "object_start", "object", "privileged")
+NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
+FORCE_N = 15.0
+"""Unit of the forces that the critic reads [N]."""
+# Blocks of the privileged group and their widths.
+PRIVILEGED: dict[str, int] = {
+    "forces": 4,  # left and right fingertip on the object, fingers on the scene, other parts [15 N]
+    "support": 1,  # whether the object rests on something
+    "kind": len(OBJECTS),  # one-hot
+    "object": 3,  # o_t in the base frame [m]
+    "offset": 3,  # from the grasp centre to the object, in the gripper's axes, in units of 0.2 m
+    "orientation": 6,  # x and z axis of the object, in the gripper's axes
+    "half_extents": 3,  # [0.1 m]
+    "heights": 2,  # of the object over its start [0.1 m], of the table's top over the floor [m]
+    "velocity": 3,  # of the object [m/s]
+    "grip": len(robot.JOINTS),  # targets of the joints minus where they are [m, rad]
+    "time": 2,  # part of the episode that is left, part of the time for which the object must be held
+}
+
+
+@dataclass(frozen=True)
+class PickNoise(ProprioNoise):
+    """Sensor noise in training, standard deviations of zero-mean normal noise.
+
+    Attributes:
+        object_m: Of every coordinate of o_i and of o_t [m].
+    """
+
+    object_m: float = 0.0
+
+
+class PickObservations(Proprioception):
+    """Computes the observation groups from simulator memory."""
+
+    def __init__(
+        self,
+        sim: Simulation,
+        sight: ObjectSight,
+        noise: PickNoise,
+        seed: int,
+        *,
+        length: torch.Tensor,
+        held: torch.Tensor,
+        max_length: int,
+        hold_steps: int,
+        depth: DepthImages | None = None,
+    ) -> None:
+        """Prepare constants on the simulation's device.
+
+        Args:
+            sim: The simulation to read, with manipulation.
+            sight: Tells whether the camera sees the object.
+            noise: Sensor noise.
+            seed: Seed of the noise.
+            length: Steps of the running episodes, shape (num_envs,), int32.
+            held: For how many of the last steps the object has been held up, shape (num_envs,), int32.
+            max_length: Limit of the former.
+            hold_steps: Steps for a success.
+            depth: The depth camera, if the task has one.
+        """
+        super().__init__(sim, noise, seed)
+        self._noise = noise
+        self._depth = depth
+        self._object, self._grasp = sim.object.views, sim.grasp.views
+        self._seen = wp.to_torch(sight.seen)
+        self._site_mat = wp.to_torch(sim.data.site_xmat)
+        self._kinds = torch.arange(len(OBJECTS), dtype=torch.int32, device=sim.device)
+        self._length, self._held = length, held
+        self._max_length, self._hold_steps = max_length, hold_steps
+        self._finger = robot.JOINTS.index("gripper_finger")
+
+    def compute(self) -> TensorDict:
+        """Return new tensors of all groups; noise is drawn anew at every call."""
+        gripper = self._site_mat[:, self._eef]
+        grip = self._views.target - joints(self._views.qpos)
+        start = self._in_base(self._object.start_pose[:, :3])
+        groups = {
+            "proprio": self.proprio(),
+            "hand": torch.cat((self._axes_in_base(gripper), grip[:, self._finger : self._finger + 1]), -1),
+            "object_start": self.perturbed(start, self._noise.object_m),
+            "object": self._seen_object(gripper),
+            "privileged": self._privileged(gripper, grip),
+        }
+        if self._depth is not None:
+            groups["depth"] = self._depth.observe()
+        return TensorDict(groups, batch_size=[self._sim.nworld])
+
+    def _in_base(self, point_w: torch.Tensor) -> torch.Tensor:
+        """Turn world points (num_envs, 3) into the base frame."""
+        qpos = self._views.qpos
+        return torch.cat((rotate(point_w[:, :2] - qpos[:, :2], qpos[:, 2:3]), point_w[:, 2:3]), -1)
+
+    def _axes_in_base(self, gripper: torch.Tensor) -> torch.Tensor:
+        yaw = self._views.qpos[:, 2:3]
+        axes = (gripper[:, :, 0], gripper[:, :, 2])
+        return torch.cat([part for a in axes for part in (rotate(a[:, :2], yaw), a[:, 2:3])], -1)
+
+    def _seen_object(self, gripper: torch.Tensor) -> torch.Tensor:
+        at = self.perturbed(self._object.pos, self._noise.object_m)
+        offset = self._offset(at, gripper)
+        values = torch.cat(
+            (
+                torch.ones_like(offset[:, :1]),
+                self._in_base(at),
+                (NEAR_PER_M * offset).clamp(-1.0, 1.0),
+                (CLOSE_PER_M * offset).clamp(-1.0, 1.0),
+            ),
+            -1,
+        )
+        return values * self._seen[:, None]
+
+    def _offset(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
+        """Turn world points (num_envs, 3) into the gripper's frame."""
+        return _turned_back(gripper, at - self._views.site_pos[:, self._eef])
+
+    def _privileged(self, gripper: torch.Tensor, grip: torch.Tensor) -> torch.Tensor:
+        """Return the blocks of PRIVILEGED, shape (num_envs, 40)."""
+        thing, grasp = self._object, self._grasp
+        bottom = thing.start_pose[:, 2] - thing.half_extents[:, 2]
+        x_axis, z_axis = _axes(thing.quat)
+        return torch.cat(
+            (
+                grasp.finger_force / FORCE_N,
+                torch.stack((grasp.table_force, grasp.hard_contact), -1) / FORCE_N,
+                grasp.object_support[:, None].float(),
+                (thing.kind[:, None] == self._kinds).float(),
+                self._in_base(thing.pos),
+                NEAR_PER_M * self._offset(thing.pos, gripper),
+                _turned_back(gripper, x_axis),
+                _turned_back(gripper, z_axis),
+                thing.half_extents * 10.0,
+                torch.stack(((thing.pos[:, 2] - thing.start_pose[:, 2]) * 10.0, bottom), -1),
+                thing.velocity[:, :3],
+                grip,
+                torch.stack((1.0 - self._length / self._max_length, self._held / self._hold_steps), -1),
+            ),
+            -1,
+        )
+
+
+def _turned_back(rotation: torch.Tensor, vector_w: torch.Tensor) -> torch.Tensor:
+    """Turn world vectors (num_envs, 3) into frames (num_envs, 3, 3)."""
+    return (rotation * vector_w[:, :, None]).sum(1)
+
+
+def _axes(quat: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the x and the z axis of orientations (w, x, y, z), shape (num_envs, 4)."""
+    w, x, y, z = quat.unbind(-1)
+    x_axis = torch.stack((1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)), -1)
+    z_axis = torch.stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)), -1)
+    return x_axis, z_axis

@@ -1,0 +1,134 @@
+"""What the robot feels of itself: the observation group `proprio`, the same in all tasks (SPIN, x_t)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from spin_rl import robot
+from spin_rl.sim.simulation import Simulation
+
+# Blocks of the proprio group and their widths.
+PROPRIO: dict[str, int] = {
+    "joint_position": len(robot.JOINTS),  # 0 at the middle of each joint's range, -1 and 1 at its limits
+    "joint_velocity": len(robot.JOINTS),  # divided by the joint's speed limit
+    "base_velocity": 2,  # forward [m/s], turning [rad/s], measured
+    "end_effector": 3,  # grasp centre in the base frame [m]
+    "last_action": len(robot.ACTIONS),
+}
+CAMERA_JOINTS = ("head_pan", "head_tilt")
+CAMERA_ACTIONS = tuple(robot.ACTIONS.index(joint) for joint in CAMERA_JOINTS)
+
+
+def camera_columns() -> dict[str, tuple[int, ...]]:
+    """Return the columns of each group that tell where the camera is, how it moves and what moved it last."""
+    columns, offset = [], 0
+    for block, width in PROPRIO.items():
+        names = {"joint_position": robot.JOINTS, "joint_velocity": robot.JOINTS, "last_action": robot.ACTIONS}
+        columns += [offset + names[block].index(joint) for joint in CAMERA_JOINTS if block in names]
+        offset += width
+    return {"proprio": tuple(columns)}
+
+
+@dataclass(frozen=True)
+class ProprioNoise:
+    """Sensor noise of the proprio group in training, standard deviations of zero-mean normal noise.
+
+    Attributes:
+        joint_position: In units of the normalized position.
+        joint_velocity: In units of the normalized velocity.
+        base_velocity: [m/s, rad/s].
+    """
+
+    joint_position: float = 0.0
+    joint_velocity: float = 0.0
+    base_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Reject negative noise."""
+        for name, value in vars(self).items():
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"task.noise.{name} must not be negative, got {value}")
+
+
+class Proprioception:
+    """The proprio group from simulator memory, and the noise generator of a task's observations."""
+
+    def __init__(self, sim: Simulation, noise: ProprioNoise, seed: int) -> None:
+        """Prepare constants on the simulation's device.
+
+        Args:
+            sim: The simulation to read.
+            noise: Sensor noise.
+            seed: Seed of the noise.
+        """
+        self._sim = sim
+        self._views = sim.views
+        self._proprio_noise = noise
+        device = torch.device(sim.device)
+        self._rng = torch.Generator(device=device).manual_seed(seed)
+        lower = torch.tensor(robot.JOINT_LOWER, device=device)
+        upper = torch.tensor(robot.JOINT_UPPER, device=device)
+        self._middle = (lower + upper) / 2
+        self._half_range = (upper - lower) / 2
+        # Normalized by the fastest profile, so that policies of both profiles read the same units.
+        self._max_speed = torch.tensor(robot.SPEED_PROFILES["paper"].joint_velocity_max, device=device)
+        self._eef = sim.mj_model.site("link_grasp_center").id
+
+    def proprio(self) -> torch.Tensor:
+        """Return the group, blocks as in PROPRIO, shape (num_envs, 31); noise is drawn anew at every call."""
+        noise = self._proprio_noise
+        qpos, qvel = self._views.qpos, self._views.qvel
+        position = (joints(qpos) - self._middle) / self._half_range
+        velocity = joints(qvel) / self._max_speed
+        yaw = qpos[:, 2:3]
+        base_velocity = torch.cat((qvel[:, :1] * yaw.cos() + qvel[:, 1:2] * yaw.sin(), qvel[:, 2:3]), -1)
+        eef_w = self._views.site_pos[:, self._eef]
+        eef_xy = rotate(eef_w[:, :2] - qpos[:, :2], yaw)
+        return torch.cat(
+            (
+                self.perturbed(position, noise.joint_position),
+                self.perturbed(velocity, noise.joint_velocity),
+                self.perturbed(base_velocity, noise.base_velocity),
+                eef_xy,
+                eef_w[:, 2:3],
+                self._views.action,
+            ),
+            -1,
+        )
+
+    def perturbed(self, value: torch.Tensor, scale: float) -> torch.Tensor:
+        """Add normal noise of a standard deviation; 0 draws nothing and returns the same tensor."""
+        if scale == 0.0:
+            return value
+        return value + scale * torch.randn(value.shape, generator=self._rng, device=value.device)
+
+    def reseed(self, seed: int) -> None:
+        """Restart the noise generator."""
+        self._rng.manual_seed(seed)
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Return the state of the noise generator."""
+        return {"noise_rng": self._rng.get_state()}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore the noise generator; one saved on another kind of device has no meaning here."""
+        saved = state["noise_rng"].cpu()
+        if saved.shape == self._rng.get_state().shape:
+            self._rng.set_state(saved)
+
+
+def joints(values: torch.Tensor) -> torch.Tensor:
+    """Read `robot.JOINTS` values out of generalized ones, (num_envs, 13 or more) -> (num_envs, 8)."""
+    arm = values[:, 4:5] + values[:, 5:6]
+    finger = 0.5 * (values[:, 9:10] + values[:, 10:11])
+    return torch.cat((values[:, 3:4], arm, values[:, 6:9], finger, values[:, 11:13]), -1)
+
+
+def rotate(vector_w: torch.Tensor, yaw: torch.Tensor) -> torch.Tensor:
+    """Turn world vectors (num_envs, 2) into the base frame."""
+    x, y = vector_w[:, :1], vector_w[:, 1:2]
+    cos, sin = yaw.cos(), yaw.sin()
+    return torch.cat((cos * x + sin * y, cos * y - sin * x), -1)

@@ -1,0 +1,151 @@
+"""Observation groups of the pick task against C MuJoCo's kinematics, and what the camera does not see."""
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from nav_worlds import actions, run
+
+from spin_rl import robot
+from spin_rl.scenes.objects import OBJECTS
+from spin_rl.scenes.tabletop import table_slot
+from spin_rl.sensors.depth_pipeline import DepthConfig
+from spin_rl.tasks.pick_config import PickConfig, SightConfig
+from spin_rl.tasks.pick_observations import PICK_GROUPS, PRIVILEGED, PickNoise
+
+SIZES = {"proprio": 31, "hand": 7, "object_start": 3, "object": 10, "privileged": 40}
+
+
+def native(env):
+    """C MuJoCo's data of every world, at the current positions."""
+    model = env.sim.mj_model
+    for qpos in env.sim.data.qpos.numpy():
+        data = mujoco.MjData(model)
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        yield data
+
+
+def base_frame(data):
+    """Rotation and origin of the base, from its body."""
+    return data.body("base").xmat.reshape(3, 3), data.body("base").xpos * [1, 1, 0]
+
+
+def blocks(privileged):
+    ends = np.cumsum(list(PRIVILEGED.values()))
+    assert privileged.shape[1] == ends[-1]
+    return dict(zip(PRIVILEGED, np.split(privileged.cpu().numpy(), ends[:-1], axis=1), strict=True))
+
+
+def test_groups_and_shapes(pick_env):
+    obs = pick_env.get_observations()
+    assert tuple(obs.keys()) == PICK_GROUPS
+    for name, size in SIZES.items():
+        assert obs[name].shape == (8, size) and obs[name].dtype == torch.float32, name
+
+
+def test_frames(pick_env):
+    run(pick_env, actions(5, 8, forward=0.5))
+    sim = pick_env.sim
+    # Anywhere, lying and seen.
+    sim.object.views.pos[:, :2] += 0.1
+    sim.object.views.quat[:] = torch.nn.functional.normalize(torch.randn(8, 4), dim=-1)
+    sim.forward()
+    pick_env.observations._seen[:] = True
+    obs = {name: value.cpu().numpy() for name, value in pick_env.get_observations().items()}
+    privileged = blocks(pick_env.get_observations()["privileged"])
+    start = sim.object.start_pose.numpy()
+    for world, data in enumerate(native(pick_env)):
+        base, origin = base_frame(data)
+        gripper = data.site(robot.GRASP_CENTER_SITE).xmat.reshape(3, 3)
+        at, grasp = data.body("object").xpos, data.site(robot.GRASP_CENTER_SITE).xpos
+        turned = gripper.T @ data.body("object").xmat.reshape(3, 3)
+        in_base = base.T @ (at - origin)
+        offset = gripper.T @ (at - grasp)
+        hand = (base.T @ gripper)[:, [0, 2]].T.ravel()
+        np.testing.assert_allclose(obs["hand"][world, :6], hand, atol=1e-5)
+        o_i = base.T @ (start[world, :3] - origin)
+        np.testing.assert_allclose(obs["object_start"][world], o_i, atol=1e-5)
+        seen = [1, *in_base, *np.clip(5 * offset, -1, 1), *np.clip(20 * offset, -1, 1)]
+        np.testing.assert_allclose(obs["object"][world], seen, atol=1e-4)
+        np.testing.assert_allclose(privileged["object"][world], in_base, atol=1e-5)
+        np.testing.assert_allclose(privileged["offset"][world], 5 * offset, atol=1e-4)
+        np.testing.assert_allclose(privileged["orientation"][world], turned[:, [0, 2]].T.ravel(), atol=1e-5)
+        finger = data.qpos[[9, 10]].mean()
+        grip = sim.target.numpy()[world, robot.JOINTS.index("gripper_finger")] - finger
+        assert obs["hand"][world, 6] == pytest.approx(grip, abs=1e-6)
+        assert privileged["grip"][world, 5] == pytest.approx(grip, abs=1e-6)
+
+
+def test_privileged(pick_env):
+    pick_env.set_objects([OBJECTS[i % len(OBJECTS)] for i in range(8)])
+    pick_env.reset()
+    run(pick_env, [pick_env.sim.views.action.clone()] * 3)
+    sim, layout = pick_env.sim, pick_env.sim.layout
+    sim.object.views.pos[:, 2] += 0.05
+    sim.grasp.views.finger_force[:] = torch.tensor([3.0, 15.0])
+    parts = blocks(pick_env.get_observations()["privileged"])
+    assert parts["kind"].argmax(1).tolist() == [i % len(OBJECTS) for i in range(8)]
+    assert (parts["kind"].sum(1) == 1).all()
+    np.testing.assert_allclose(parts["forces"][:, :2], [[0.2, 1.0]] * 8, atol=1e-6)
+    height = sim.object.views.pos[:, 2].numpy() - sim.object.start_pose.numpy()[:, 2]
+    np.testing.assert_allclose(parts["heights"][:, 0], 10 * height, atol=1e-5)
+    top = 2 * layout.pos.numpy()[:, table_slot(layout.pool), 2]
+    np.testing.assert_allclose(parts["heights"][:, 1], top, atol=2e-3)
+    np.testing.assert_allclose(parts["half_extents"], 10 * sim.object.half_extents.numpy(), atol=1e-6)
+    np.testing.assert_allclose(parts["time"], [[1 - 3 / 70, 0]] * 8, atol=1e-6)
+
+
+def in_view(env, data, at):
+    """Whether a point is within the image, by C MuJoCo's camera site."""
+    site = data.site("camera_depth_optical_frame")
+    p = site.xmat.reshape(3, 3).T @ (at - site.xpos)
+    tan_x, tan_y = robot.camera_tan_half_fov(env.cfg.camera_mount)
+    return 0.1 <= p[2] <= 4.0 and abs(p[0]) <= tan_x * p[2] and abs(p[1]) <= tan_y * p[2]
+
+
+def test_an_object_out_of_view_is_masked(make_pick_env):
+    env = make_pick_env(PickConfig(sight=SightConfig(occlusion=False)), 32, seed=1)
+    seen = []
+    for _ in range(4):
+        obs = env.step(torch.zeros(32, 10))[0]["object"].numpy()
+        for world, data in enumerate(native(env)):
+            wanted = in_view(env, data, data.body("object").xpos)
+            assert obs[world, 0] == wanted
+            assert (obs[world] == 0).all() or wanted
+            seen.append(wanted)
+    assert 0.1 < np.mean(seen) < 0.9
+
+
+def test_the_table_hides_an_object_below_it(make_pick_env):
+    env = make_pick_env(num_envs=32, seed=1)
+    seen = env.observations._seen
+    assert 4 < seen.sum() < 28
+    visible = seen.clone()
+    env.sim.object.views.pos[:, 2] -= 0.3  # under the top, whatever the camera's height
+    env.sight.update()
+    assert not seen[visible].any()
+
+
+def test_noise_is_drawn_of_the_object(make_pick_env):
+    env = make_pick_env(PickConfig(noise=PickNoise(object_m=0.01)), 64)
+    env.observations._seen[:] = True
+    draws = torch.stack([env.get_observations()["object"][:, 1:4] for _ in range(20)])
+    np.testing.assert_allclose(draws.std(0).mean(0).numpy(), 0.01, rtol=0.1)
+    np.testing.assert_allclose(
+        draws.mean((0, 1)).numpy(), env.get_observations()["privileged"][:, 10:13].mean(0).numpy(), atol=2e-3
+    )
+    env.observations._seen[:] = False
+    assert (env.get_observations()["object"] == 0).all()
+
+
+def test_the_depth_image_shows_the_object_where_it_is_seen(make_pick_env):
+    env = make_pick_env(PickConfig(depth=DepthConfig()), 8, seed=3)
+    obs = env.step(env.sim.views.action.clone())[0]
+    seen = obs["object"][:, 0].bool()
+    assert 2 < seen.sum() < 8
+    env.sim.object.views.pos[:, 2] -= 5.0
+    env.sim.forward()
+    env.depth.update()
+    changed = (env.depth.observe() != obs["depth"]).sum(1)
+    assert (changed[seen] > 3).all() and changed[~seen].median() == 0
