@@ -28,7 +28,7 @@ _POLL_S = 0.5
 
 
 class SharedWeights:
-    """A model's parameters in memory that two processes share.
+    """A model's weights, its normalizer's statistics among them, in memory that two processes share.
 
     There are two copies of them: one is read while the other is written, so that nobody waits, and a process
     that dies in between blocks none.
@@ -41,7 +41,7 @@ class SharedWeights:
             model: The learner's.
         """
         self._copies = [
-            [parameter.detach().to("cpu", copy=True).share_memory_() for parameter in model.parameters()]
+            [value.to("cpu", copy=True).share_memory_() for value in model.state_dict().values()]
             for _ in range(2)
         ]
         self._versions = torch.zeros(2, dtype=torch.int64).share_memory_()
@@ -50,8 +50,8 @@ class SharedWeights:
     def publish(self, model: ScandotModel, version: int) -> None:
         """Write the learner's weights; one process only may do so."""
         count = int(self._count) + 1
-        for own, value in zip(self._copies[count % 2], model.parameters(), strict=True):
-            own.copy_(value.detach())
+        for own, value in zip(self._copies[count % 2], model.state_dict().values(), strict=True):
+            own.copy_(value)
         self._versions[count % 2] = version
         self._count.fill_(count)
 
@@ -59,8 +59,8 @@ class SharedWeights:
         """Copy the newest weights into a model; return their version."""
         while True:
             count = int(self._count)
-            for own, value in zip(self._copies[count % 2], model.parameters(), strict=True):
-                value.data.copy_(own)
+            for own, value in zip(self._copies[count % 2], model.state_dict().values(), strict=True):
+                value.copy_(own)
             version = int(self._versions[count % 2])
             if int(self._count) == count:  # else the copy that was read may have been overwritten
                 return version

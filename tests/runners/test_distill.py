@@ -15,6 +15,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from spin_rl.runners import PPORunner, load_checkpoint, load_policy, save_policy
 from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv, _merge
 from spin_rl.runners.distill import DistillRunner
+from spin_rl.runners.sequences import mean_actions
 
 DEADLINE_S = 60.0
 
@@ -151,6 +152,25 @@ def test_two_processes_from_start_to_resume(tmp_path, teacher, make_async):
     assert state["processes"][0]["env"]["steps"] >= 8 * 12
     summary = resumed.train(25)
     assert summary["iterations"] == 25 and summary["env_steps"] > rollouts * 8 * 4
+
+
+def test_the_collector_acts_as_the_learner_would(teacher, processes, monkeypatch):
+    """With the learner's weights unchanged, a replay of what arrives gives the actions that were taken."""
+    env = RemoteEnv(async_jobs.make_recording_env, "cpu", processes)
+    runner = AsyncDistillRunner(env, make_student_config(teacher) | {"asynchronous": {"max_reuse": 1}})
+    student, errors = runner.alg.student, []
+
+    def replay(block):
+        with torch.no_grad():
+            x = student.encode(block.observations)
+            actions = mean_actions(student, student.decode(x, hidden_state=block.state, resets=block.resets))
+        rollouts = env.state_dict()["history"].unflatten(0, (-1, 8))
+        errors.append((rollouts - actions).abs().amax(dim=(1, 2, 3)).min().item())
+        return {"skipped_steps": 0.0}
+
+    monkeypatch.setattr(runner.alg, "learn", replay)
+    runner.train(3)
+    assert len(errors) == 3 and max(errors) < 1e-5
 
 
 @pytest.mark.parametrize(
