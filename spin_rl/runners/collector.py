@@ -21,7 +21,6 @@ from spin_rl.models import ScandotModel
 from spin_rl.runners.checkpoint import to_cpu
 from spin_rl.runners.distillation import build_student
 from spin_rl.runners.interface import TrainingEnv
-from spin_rl.runners.policy_file import load_policy
 from spin_rl.runners.sequences import Recorder, Sequences
 
 _POLL_S = 0.5
@@ -74,6 +73,7 @@ class Order:
         cfg: Configuration of the runner.
         blocks: Shared memory, all of it the collector's at first.
         weights: The student's.
+        teacher: Sent as the learner has it: its file may hold others by now.
         env_state: Of a resumed run.
         run_dir: Folder for the states of worlds that turn non-finite.
     """
@@ -81,6 +81,7 @@ class Order:
     cfg: dict[str, Any]
     blocks: list[Sequences]
     weights: SharedWeights
+    teacher: ScandotModel
     env_state: dict[str, Any] | None
     run_dir: Path | None
 
@@ -153,7 +154,6 @@ class _Collector:
         obs = env.get_observations()
         torch.manual_seed(order.cfg.get("seed", 0))
         self._student = build_student(obs, order.cfg, env.num_actions).to(device).requires_grad_(False)
-        teacher = load_policy(order.cfg["algorithm"]["teacher"], obs, device)
         self._free = deque(range(len(order.blocks)))
         # From a GPU, whole rollouts are copied to the shared memory of the host.
         steps = order.cfg["num_steps_per_env"]
@@ -161,7 +161,7 @@ class _Collector:
         self._local = (
             None if on_host else Sequences.allocate(obs, self._student, steps, env.num_actions, device)
         )
-        self._recorder = Recorder(self._student, teacher, order.blocks[0])
+        self._recorder = Recorder(self._student, order.teacher.to(device), order.blocks[0])
         self._ends = False
 
     @torch.no_grad()
