@@ -32,6 +32,9 @@ JOINTS = (
 ACTIONS = ("base_forward", "base_turn", *JOINTS)
 """The 10 actions, each in [-1, 1] (paper, "Experimental Setup": 10 actuated joints)."""
 
+CAMERA_JOINTS = ("head_pan", "head_tilt")
+"""Of JOINTS, those that move the camera, the last two."""
+
 DOF_NAMES = (
     "base_x",
     "base_y",

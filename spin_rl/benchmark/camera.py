@@ -14,9 +14,10 @@ import numpy as np
 from spin_rl.benchmark.camera_variants import Variant, check_pose
 from spin_rl.benchmark.hits import Hit, summarize_hits
 from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, Cell, Policy, PolicyFactory, run_cells
+from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, Cell, run_cells
 from spin_rl.benchmark.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.config import ConfigError
+from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.tasks import episode
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.nav import NavEnv
@@ -121,6 +122,7 @@ def analyse_camera(
         "robot": cfg.robot_profile,
         "camera_mount": cfg.camera_mount,
         "episode_s": cfg.episode_s,
+        "depth": None if cfg.depth is None else asdict(cfg.depth),
         "seconds": round(time.monotonic() - start, 2),
     }
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from spin_rl.benchmark import report
 from spin_rl.benchmark.metrics import wilson_interval
-from spin_rl.benchmark.paper import DIFFICULTIES
+from spin_rl.scenes.kinds import DIFFICULTIES
 
 
 def table(result: dict[str, Any]) -> str:
@@ -17,7 +17,7 @@ def table(result: dict[str, Any]) -> str:
     title = (
         f"Camera: {result['policy']}, {variants[0]['rows'][0]['episodes']} episodes per cell "
         f"(seeds {seeds}), robot {result['robot']}, camera {result['camera_mount']}"
-        f"{report.scene_note(result)}"
+        f"{report.conditions_note(result)}"
     )
     cells = [f"{cell['scenario']} {cell['difficulty']}" for cell in result["cells"]]
     header = ["camera", *cells, "mean", "to own", "95%", "won/lost", "obstacle hits", "never seen"]

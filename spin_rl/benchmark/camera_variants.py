@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from omegaconf import OmegaConf
 
 from spin_rl import robot
-from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.benchmark.reach import REACH_CELLS, Cell
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
-
-_CAMERA_JOINTS = ("head_pan", "head_tilt")
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def check_pose(variant: Variant) -> None:
         ConfigError: An angle is beyond its joint's limits.
     """
     assert variant.pose is not None
-    for joint, value in zip(_CAMERA_JOINTS, variant.pose, strict=True):
+    for joint, value in zip(robot.CAMERA_JOINTS, variant.pose, strict=True):
         index = robot.JOINTS.index(joint)
         low, high = robot.JOINT_LOWER[index], robot.JOINT_UPPER[index]
         if not low <= value <= high:

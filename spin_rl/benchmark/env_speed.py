@@ -13,6 +13,7 @@ import warp as wp
 from mujoco.rollout import Rollout
 
 from spin_rl import robot
+from spin_rl.benchmark.paper import FRAMES_PER_S
 from spin_rl.benchmark.throughput import Row, num_cores, rate_row
 from spin_rl.benchmark.timing import Stopwatch, Subject, Timing, interleave
 from spin_rl.scenes.builder import PARKED_Z_M, native_model
@@ -173,6 +174,28 @@ def measure_env(
     label = f"C MuJoCo mujoco.rollout, {_threads(1)}"
     rows.append(rate_row(f"{substeps} captured mjw.step", times["bare"], _UNIT, label, times["native 1"]))
     return rows
+
+
+def measure_images(with_images: RandomDriver, without: RandomDriver, seconds: float, watch: Stopwatch) -> Row:
+    """Time the environment's step with depth images against the same without, in turns.
+
+    Scandots are computed in both.
+
+    Args:
+        with_images: Steps an environment with a depth camera, warmed up.
+        without: Steps one without, otherwise the same.
+        seconds: Time to measure for.
+        watch: Waits for the device.
+    """
+    drivers = {"with": with_images, "without": without}
+    subjects = {
+        name: Subject(lambda calls, step=driver.step: watch.time(step, calls), driver.env.num_envs)
+        for name, driver in drivers.items()
+    }
+    times = interleave(subjects, seconds)
+    paper = FRAMES_PER_S["depth"] / FRAMES_PER_S["scandots"]
+    label = f"env step without images, in the paper {paper:.3f}x"
+    return rate_row("env step with depth images", times["with"], _UNIT, label, times["without"])
 
 
 def sweep(

@@ -10,13 +10,12 @@ import torch
 from tensordict import TensorDict
 
 from spin_rl.benchmark.hits import FLOOR, Touch
-from spin_rl.benchmark.paper import DIFFICULTIES
-from spin_rl.benchmark.reach import Policy
 from spin_rl.benchmark.watch import NEVER, Watch
+from spin_rl.policy import Policy
+from spin_rl.scenes.kinds import DIFFICULTIES, level_of
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks import episode
 from spin_rl.tasks.nav import NavEnv
-from spin_rl.viewer.style import level_of
 
 HITS = {"low": "low", "tall": "tall", "arm": "arm-height", "head": "head-height"}
 """Kinds of obstacles by the name of their level."""

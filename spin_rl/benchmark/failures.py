@@ -13,8 +13,9 @@ import numpy as np
 from spin_rl.benchmark.camera import check_one_batch
 from spin_rl.benchmark.failure_watch import Failure, FailureWatch
 from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, PolicyFactory, run_cells
+from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, run_cells
 from spin_rl.benchmark.throughput import commit
+from spin_rl.policy import PolicyFactory
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.nav import NavEnv
 
@@ -95,6 +96,7 @@ def analyse_failures(
         "robot": cfg.robot_profile,
         "camera_mount": cfg.camera_mount,
         "episode_s": cfg.episode_s,
+        "depth": None if cfg.depth is None else asdict(cfg.depth),
         "commit": commit(),
         "seconds": round(time.monotonic() - start, 2),
     }

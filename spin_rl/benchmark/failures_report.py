@@ -16,7 +16,7 @@ from spin_rl.benchmark import report
 from spin_rl.benchmark.failure_watch import HITS, Failure, scene_of
 from spin_rl.benchmark.failures import failures_of
 from spin_rl.benchmark.metrics import wilson_interval
-from spin_rl.sim.simulation import _geom_parts
+from spin_rl.sim.simulation import geom_parts
 from spin_rl.viewer import style
 
 _TIME_BINS_S = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)
@@ -33,7 +33,7 @@ def table(result: dict[str, Any]) -> str:
     seeds = ", ".join(str(seed) for seed in result["seeds"])
     title = (
         f"Failures: {result['policy']}, {result['rows'][0]['episodes']} episodes per cell (seeds {seeds}), "
-        f"robot {result['robot']}, camera {result['camera_mount']}{report.scene_note(result)}"
+        f"robot {result['robot']}, camera {result['camera_mount']}{report.conditions_note(result)}"
     )
     blocks = [[title], _by_cell(result), _by_contact(failures, episodes)]
     blocks += [_by_time(failures, result["durations_s"]), _by_sight(failures), _by_motion(failures)]
@@ -200,7 +200,7 @@ def _draw(axes: Any, failure: Failure, model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     data.qpos[:] = failure.qpos
     mujoco.mj_kinematics(model, data)
-    for geom, part in enumerate(_geom_parts(model)):
+    for geom, part in enumerate(geom_parts(model)):
         if part >= 0:
             color = "red" if robot.PARTS[part] in failure.parts else "black"
             axes.plot(*_outline(model, data, geom).T, color=color, linewidth=0.8)

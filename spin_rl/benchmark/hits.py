@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.sim.simulation import Simulation, _geom_parts
+from spin_rl.sim.simulation import Simulation, geom_parts
 
 FLOOR = -1
 """Stands for the floor where a slot is expected."""
@@ -75,7 +75,7 @@ class NearestObstacle:
         self._data = mujoco.MjData(self._model)
         self._slot_geoms = [self._model.geom(name).id for name in sim.layout.pool.geom_names()]
         self._floor = self._model.geom("floor").id
-        parts = np.array(_geom_parts(self._model))
+        parts = np.array(geom_parts(self._model))
         self._part_geoms = [np.flatnonzero(parts == part).tolist() for part in range(len(robot.PARTS))]
 
     def remember_layouts(self) -> None:

@@ -9,8 +9,8 @@ import torch
 from tensordict import TensorDict
 
 from spin_rl import robot
-from spin_rl.benchmark.reach import PolicyFactory
 from spin_rl.config import ConfigError
+from spin_rl.policy import PolicyFactory
 from spin_rl.runners import policy_file
 
 UNTRAINED = ("zero", "random")

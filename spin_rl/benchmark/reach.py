@@ -7,18 +7,17 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
-from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.benchmark.throughput import commit
 from spin_rl.config import ConfigError
+from spin_rl.policy import Policy, PolicyFactory
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.nav import NavEnv
@@ -30,22 +29,6 @@ _STEPS_BETWEEN_CHECKS = 5
 _SECONDS_BETWEEN_REPORTS = 5.0
 # Far from any seed that a training takes, so that its first corridors are not those of the benchmark.
 SEED_OFFSET = 1_000_000
-
-
-class Policy(Protocol):
-    """What the benchmark needs of a policy."""
-
-    def __call__(self, obs: TensorDict) -> torch.Tensor:
-        """Return deterministic actions in [-1, 1], shape (num_envs, 10)."""
-        ...
-
-    def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Clear the recurrent state of the worlds in a mask (num_envs,), or of all."""
-        ...
-
-
-PolicyFactory = Callable[[TensorDict, str], Policy]
-"""Makes a policy for the observations and device of an environment."""
 
 
 @dataclass(frozen=True)
@@ -277,38 +260,3 @@ def _run_round(env: NavEnv, policy: Policy, count: int, progress: _Progress) -> 
         raise RuntimeError("an episode went on beyond the time limit")
     progress.add_round(count)
     return Episodes(*(values[:count].cpu().numpy() for values in (outcome, steps, distance, parts)))
-
-
-def evaluate_run(
-    run_dir: Path,
-    episodes: int,
-    device: str,
-    seeds: Sequence[int] = (0,),
-    announce: Callable[[str], contextlib.AbstractContextManager] | None = None,
-) -> Path:
-    """Evaluate the last checkpoint of a run, print the table and write `<run_dir>/reach.json`.
-
-    Args:
-        run_dir: Folder of a training run.
-        episodes: Episodes per cell and seed.
-        device: "cpu" or "cuda:N".
-        seeds: Seeds of the corridors.
-        announce: Context in which the worlds are made, such as `common.announced`.
-
-    Returns:
-        The file.
-    """
-    from spin_rl.benchmark import policies, report, settings
-    from spin_rl.tasks.build import env_config
-
-    make_policy, trained = policies.open_policy(str(run_dir))
-    cfg = settings.for_policy(settings.compose(), trained, overridden=())
-    print(f"Evaluating {run_dir} in {len(REACH_CELLS)} cells")
-    result = evaluate_reach(
-        make_policy, env_config(cfg), episodes, seeds, device, policy_name=str(run_dir), announce=announce
-    )
-    print(report.table(result))
-    path = Path(run_dir) / "reach.json"
-    report.write_json(result, path)
-    print(f"Wrote {path}: {report.headline(result)}")
-    return path

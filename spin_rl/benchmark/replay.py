@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from spin_rl.benchmark.paper import DIFFICULTIES
 from spin_rl.benchmark.reach import SEED_OFFSET, Cell
+from spin_rl.scenes.kinds import DIFFICULTIES
 from spin_rl.scenes.layout import Scene
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.nav import NavEnv

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from spin_rl.benchmark.paper import REACH
+from spin_rl.benchmark.settings import noise_label
 from spin_rl.runners.checkpoint import write_atomically
 
 _PAPER_ROWS = ("SPIN (CVO)", "FixCam")
@@ -18,7 +19,7 @@ def table(result: dict[str, Any]) -> str:
     seeds = ", ".join(str(seed) for seed in result["seeds"])
     title = (
         f"Reach: {result['policy']}, {result['rows'][0]['episodes']} episodes per cell (seeds {seeds}), "
-        f"robot {result['robot']}, camera {result['camera_mount']}{scene_note(result)}"
+        f"robot {result['robot']}, camera {result['camera_mount']}{conditions_note(result)}"
     )
     in_paper = "scene" not in result and all(
         (row["scenario"], row["difficulty"]) in REACH[_PAPER_ROWS[0]] for row in result["rows"]
@@ -34,9 +35,11 @@ def table(result: dict[str, Any]) -> str:
     return "\n".join([title, *align([header, *body]), note])
 
 
-def scene_note(result: dict[str, Any]) -> str:
-    """End of a title: the distribution of corridors where it is not the benchmark's own."""
-    return f", scene {result['scene']}" if "scene" in result else ""
+def conditions_note(result: dict[str, Any]) -> str:
+    """End of a title: the noise of depth images where there are any, the corridors if not the benchmark's."""
+    depth = result.get("depth")
+    note = "" if depth is None else f", depth noise {noise_label(depth['noise'])}"
+    return note + (f", scene {result['scene']}" if "scene" in result else "")
 
 
 def _line(row: dict[str, Any], paper: tuple[str, ...]) -> list[str]:

@@ -11,6 +11,10 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.paths import CONF_DIR
+from spin_rl.tasks.config import NavConfig
+
+# What of a training the benchmark that follows it takes over: its corridors and its camera's noise.
+_CONDITIONS = ("scene", "depth")
 
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:
@@ -46,12 +50,58 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     return result
 
 
-def scene_label(choice: str, overridden: Sequence[str]) -> str | None:
+def conditions(overrides: Sequence[str]) -> list[str]:
+    """Pick the overrides of a training that say in which corridors and with which images to measure it."""
+    return [override for override in overrides if _group(override) in _CONDITIONS]
+
+
+def unused_depth(task: NavConfig, overridden: Sequence[str]) -> str | None:
+    """Say that the user chose depth images which nothing reads; None where all is well.
+
+    Args:
+        task: Configuration of the evaluation, with what the policy was trained with.
+        overridden: Overrides of the command line.
+    """
+    asked = [override for override in overridden if _group(override) == "depth"]
+    if task.depth is not None or not asked:
+        return None
+    return f"depth: {asked[0]} changes nothing, since this policy reads no images"
+
+
+def noise_label(noise: Mapping[str, Any]) -> str:
+    """Name a depth camera's noise after the most similar file in conf/depth, and what differs from it.
+
+    Args:
+        noise: `DepthNoiseConfig` as a mapping, also one read from JSON.
+
+    Returns:
+        Such as `d435i`, or `d435i, patches=0`.
+    """
+    labels = []
+    for file in sorted((CONF_DIR / "depth").glob("*.yaml")):
+        named = OmegaConf.to_container(OmegaConf.load(file))["noise"]  # type: ignore[index,call-overload]
+        changes = [f"{key}={value}" for key, value in noise.items() if _listed(value) != named[key]]
+        labels.append([file.stem, *changes])
+    return ", ".join(min(labels, key=len))
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _group(override: str) -> str:
+    """The group of the configuration that an override belongs to."""
+    return override.lstrip("+~").partition("=")[0].partition(".")[0]
+
+
+def scene_label(overridden: Sequence[str]) -> str | None:
     """Name the distribution of corridors, None for the benchmark's own.
 
     Args:
-        choice: Name in conf/scene.
         overridden: Overrides of the command line; those of single values are part of the name.
     """
-    changes = [override for override in overridden if override.lstrip("+~").startswith("scene.")]
+    asked = [override for override in overridden if _group(override) == "scene"]
+    choices = [override.partition("=")[2] for override in asked if override.startswith("scene=")]
+    choice = choices[-1] if choices else "nav"
+    changes = [override for override in asked if not override.startswith("scene=")]
     return None if choice == "nav" and not changes else ", ".join([choice, *changes])

@@ -112,7 +112,7 @@ def _parts(algorithm: PPO) -> dict[str, Callable[[], object]]:
 
     parts: dict[str, Callable[[], object]] = {
         "gathering the minibatch": lambda: algorithm.storage._select(index, algorithm.storage.dones),
-        "scandot encoder of the actor": encoder(actor),
+        "encoder of the actor": encoder(actor),
     }
     if actor.is_recurrent:
         parts["LSTM of the actor"] = memory

@@ -11,13 +11,12 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.benchmark.hits import FLOOR, Hit, NearestObstacle
-from spin_rl.benchmark.reach import Policy
+from spin_rl.policy import Policy
 from spin_rl.tasks import episode
 from spin_rl.tasks.nav import NavEnv
 from spin_rl.warp_kernels.tokens import NUM_CORNERS, TOKEN_SIZE
 
-_CAMERA_JOINTS = ("head_pan", "head_tilt")
-_CAMERA_DOFS = [robot.DOF_NAMES.index(joint) for joint in _CAMERA_JOINTS]
+_CAMERA_DOFS = [robot.DOF_NAMES.index(joint) for joint in robot.CAMERA_JOINTS]
 # Episodes start with a random camera pose, which says nothing about the policy.
 SETTLING_S = 1.0
 
@@ -186,7 +185,7 @@ class WatchedPolicy(Watch):
         steps = max(len(valid) for _, valid in self._recorded)
         poses = np.concatenate([_padded(poses, steps) for poses, _ in self._recorded], axis=1)
         valid = np.concatenate([_padded(valid, steps) for _, valid in self._recorded], axis=1)
-        motions = [camera_motion(poses[..., i], valid, self._period) for i in range(len(_CAMERA_JOINTS))]
+        motions = [camera_motion(poses[..., i], valid, self._period) for i in range(len(robot.CAMERA_JOINTS))]
         if motions[0] is None or motions[1] is None:
             return None
         return {"pan": motions[0], "tilt": motions[1]}

@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from spin_rl.benchmark.timing import Stopwatch
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import write_atomically
-from spin_rl.tasks.build import env_config, plain
+from spin_rl.tasks.build import env_config, plain, with_depth
 
 SUBJECTS = ("visibility", "depth", "env", "update", "train")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
@@ -36,7 +37,7 @@ def main() -> None:
 
 def bench(cfg: DictConfig) -> None:
     """Measure what `cfg` names, print the table and write the JSON."""
-    values = plain(cfg)
+    values = with_depth(plain(cfg))
     out = _check(values)
     device = common.resolve_device(values["device"])
     if device == "cpu":
@@ -47,7 +48,7 @@ def bench(cfg: DictConfig) -> None:
         )
     _warn_if_busy()
     subjects = SUBJECTS if values["what"] == "all" else (values["what"],)
-    rows = _measure(cfg, values, device, subjects)
+    rows = _measure(values, device, subjects)
 
     overrides = list(HydraConfig.get().overrides.task)
     result = throughput.result(
@@ -64,25 +65,27 @@ def bench(cfg: DictConfig) -> None:
     print(f"Wrote {out}: {len(rows)} rows, {headline}")
 
 
-def _measure(
-    cfg: DictConfig, values: dict[str, Any], device: str, subjects: tuple[str, ...]
-) -> list[throughput.Row]:
+def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> list[throughput.Row]:
     from spin_rl.benchmark import depth_speed, env_speed, train_speed, update_speed, visibility_speed
     from spin_rl.tasks.nav import NavEnv
 
-    task, seed, seconds = env_config(cfg), values["seed"], values["seconds"]
+    task, seed, seconds = env_config(values), values["seed"], values["seconds"]
     synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None
     watch = Stopwatch(synchronize)
     # For what runs in one thread: CPU time, which other load bends least.
     cpu_watch = Stopwatch(clock=time.process_time) if device == "cpu" else watch
 
-    def make_env(num_envs: int) -> NavEnv:
-        with common.announced(f"Starting {num_envs} worlds on {device}"):
-            return NavEnv(task, num_envs, device, seed=seed)
+    has_images = task.depth is not None
+    with_images = env_config(values | {"task": values["task"] | {"depth": {"enabled": True}}})
+    tasks = {True: with_images, False: replace(task, depth=None)}
+
+    def make_env(num_envs: int, images: bool = has_images) -> NavEnv:
+        with common.announced(f"Starting {num_envs} worlds on {device}{', with images' if images else ''}"):
+            return NavEnv(tasks[images], num_envs, device, seed=seed)
 
     @cache
-    def driver() -> env_speed.RandomDriver:
-        return env_speed.RandomDriver(make_env(values["num_envs"]), seed)
+    def driver(images: bool) -> env_speed.RandomDriver:
+        return env_speed.RandomDriver(make_env(values["num_envs"], images), seed)
 
     def visibility() -> list[throughput.Row]:
         with common.announced(f"Timing scandots on {device}"):
@@ -93,16 +96,17 @@ def _measure(
         return depth_speed.measure_depth(make_env, counts, device, seconds, seed, cpu_watch)
 
     def env() -> list[throughput.Row]:
-        rows = env_speed.measure_env(driver(), seconds, watch)
+        rows = env_speed.measure_env(driver(has_images), seconds, watch)
+        rows.append(env_speed.measure_images(driver(True), driver(False), seconds, watch))
         counts = values["world_counts"] or []
         return rows + env_speed.sweep(make_env, counts, device, seconds / 4, seed, watch)
 
     def update() -> list[throughput.Row]:
         with common.announced(f"Timing the parts and other forms of the update on {device}"):
-            return update_speed.measure_update(driver(), values["runner"], seconds, cpu_watch)
+            return update_speed.measure_update(driver(has_images), values["runner"], seconds, cpu_watch)
 
     def train() -> list[throughput.Row]:
-        rows, single = train_speed.measure_train(driver(), values["runner"], seconds, watch)
+        rows, single = train_speed.measure_train(driver(has_images), values["runner"], seconds, watch)
         if values["processes"] > 1:
             overrides = [o for o in HydraConfig.get().overrides.task if o.partition("=")[0] not in _OWN_KEYS]
             kind = "cpu" if device == "cpu" else "cuda"
@@ -127,6 +131,11 @@ def _check(values: dict[str, Any]) -> Path | None:
     """Reject what needs no simulator to reject; return the file to write."""
     if values["what"] not in (*SUBJECTS, "all"):
         raise ConfigError(f"what: unknown {values['what']!r}; choose from {', '.join(SUBJECTS)}, all")
+    if "teacher" in values["runner"]["algorithm"]:
+        name = values["algo"]["name"]
+        raise ConfigError(
+            f"algo: {name} learns from a teacher, which is not measured; use cvo or direct_depth"
+        )
     for key in ("num_envs", "processes"):
         _require_count(key, values[key])
     if type(values["seed"]) is not int:

@@ -39,13 +39,16 @@ def evaluate(cfg: DictConfig) -> None:
 
     make_policy, trained = policies.open_policy(values["policy"])
     task = env_config(settings.for_policy(cfg, trained, overridden))
+    mistake = settings.unused_depth(task, overridden)
+    if mistake is not None:
+        raise ConfigError(mistake)
     if values["analysis"] == "camera":
         writer, result = camera_report, _analyse_camera(values, make_policy, task, overridden)
     elif values["analysis"] == "failures":
         writer, result = failures_report, _analyse_failures(values, make_policy, task, overridden)
     else:
         writer, result = report, _reach(values, make_policy, task)
-    label = settings.scene_label(HydraConfig.get().runtime.choices["scene"], overridden)
+    label = settings.scene_label(overridden)
     if label is not None and values["scene_file"] is None:
         result["scene"] = label
     headline = writer.headline(result)

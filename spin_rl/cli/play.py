@@ -11,10 +11,10 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
 from spin_rl.paths import POLICY_DIR
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.tasks.build import env_config, plain
 
 VIEWERS = ("viser", "native", "none")
@@ -159,6 +159,9 @@ class Players:
         options = self._options
         make_policy, trained = policies.open_policy(policy)
         task = env_config(settings.for_policy(self._cfg, trained, self._overrides))
+        idle = settings.unused_depth(task, self._overrides)
+        if idle is not None:  # no error: the browser's menu has other policies
+            print(f"warning: {idle}", file=sys.stderr)
         key = f"{worlds} {task}"
         if key not in self._envs:
             scene = common.load_scene_file(options.scene_file)

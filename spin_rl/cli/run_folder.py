@@ -91,11 +91,19 @@ def write_results(run_dir: Path, summary: dict[str, Any], values: dict[str, Any]
     # JSON has no NaN: rates of no episodes are null.
     plain = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in summary.items()}
     _write_text(path, json.dumps(plain, indent=2, allow_nan=False) + "\n")
-    print(f"Wrote {path}: success {summary['success_rate']:.2f} after {summary['env_steps']:,} env steps")
+    success = summary["success_rate"]
+    result = "no episode over yet" if math.isnan(success) else f"success {success:.2f}"
+    print(f"Wrote {path}: {result} after {summary['env_steps']:,} env steps")
     if values["evaluate"]:
-        from spin_rl.benchmark.reach import evaluate_run
+        from spin_rl.benchmark.after_training import evaluate_run
 
-        evaluate_run(run_dir, episodes=values["evaluate"], device=device, announce=common.announced)
+        evaluate_run(
+            run_dir,
+            episodes=values["evaluate"],
+            device=device,
+            announce=common.announced,
+            overrides=HydraConfig.get().overrides.task,
+        )
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -58,7 +58,7 @@ Measured with `spin-eval policy={name} benchmark={report["benchmark"]} seeds={re
 ({report["rows"][0]["episodes"]} episodes a cell, deterministic actions):
 
 ```
-{table(report)}
+{table(report | {"policy": name})}
 ```
 """
 

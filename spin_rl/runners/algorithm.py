@@ -218,10 +218,16 @@ class PPO(rsl_rl.algorithms.PPO):
         return means | {"skipped_steps": float(total - steps)}
 
     def set_progress(self, progress: float) -> None:
-        """Tell the "linear" schedule which part of the run is over, from 0 to 1."""
+        """Set the learning rate of the "linear" and "fixed" schedules; a resumed run may have another.
+
+        Args:
+            progress: Part of the run that is over, from 0 to 1.
+        """
         if self.schedule == "linear":
             start, end = self.initial_learning_rate, self.min_learning_rate
             self._set_learning_rate(start + (end - start) * min(progress, 1.0))
+        elif self.schedule == "fixed":
+            self._set_learning_rate(self.initial_learning_rate)
 
     def extra_state(self) -> dict[str, float]:
         """Return what a checkpoint has to keep beside models, optimizer and learning rate."""

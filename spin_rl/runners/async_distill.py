@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import multiprocessing
 import shutil
 from collections.abc import Callable
@@ -13,9 +14,11 @@ from typing import Any
 from tensordict import TensorDict
 
 from spin_rl.config import from_mapping
+from spin_rl.models import ScandotModel
 from spin_rl.runners.collector import Introduction, Order, Rollout, SharedWeights, collect_for_ever, receive
 from spin_rl.runners.distill import DistillRunner
 from spin_rl.runners.interface import TrainingEnv
+from spin_rl.runners.progress import join_statistics
 from spin_rl.runners.ring import Ring, RingConfig
 from spin_rl.runners.sequences import Sequences
 
@@ -30,6 +33,7 @@ class CollectorError(RuntimeError):
 class RemoteEnv:
     """Stands for the environment of a collecting process that it starts."""
 
+    is_remote = True
     cfg: dict[str, Any] = {}  # noqa: RUF012 - rsl_rl asks for one, and only logs it
 
     def __init__(
@@ -83,10 +87,22 @@ class RemoteEnv:
         return []
 
     def begin(
-        self, cfg: dict[str, Any], blocks: list[Sequences], weights: SharedWeights, run_dir: Path | None
+        self,
+        cfg: dict[str, Any],
+        blocks: list[Sequences],
+        weights: SharedWeights,
+        teacher: ScandotModel,
+        run_dir: Path | None,
     ) -> None:
-        """Let the collector begin."""
-        self._connection.send(Order(cfg, blocks, weights, self._resumed, run_dir))
+        """Let the collector begin; arguments as of `Order`.
+
+        Raises:
+            CollectorError: It is gone.
+        """
+        try:
+            self._connection.send(Order(cfg, blocks, weights, teacher, self._resumed, run_dir))
+        except (BrokenPipeError, ConnectionResetError):
+            raise self._end() from None
 
     def poll(self) -> bool:
         """Whether a message is there."""
@@ -104,8 +120,7 @@ class RemoteEnv:
         except (EOFError, ConnectionResetError):
             message = None
         if message is None:
-            self._process.join(_PATIENCE_S)
-            raise CollectorError(f"The collecting process ended, exit code {self._process.exitcode}.")
+            raise self._end()
         if isinstance(message, str):
             raise CollectorError(f"The collecting process failed: {message}")
         if isinstance(message, Rollout):
@@ -132,6 +147,11 @@ class RemoteEnv:
             self._process.kill()
             self._process.join()
         self._connection.close()
+
+    def _end(self) -> CollectorError:
+        """Tell how the process ended that has closed its connection."""
+        self._process.join(_PATIENCE_S)
+        return CollectorError(f"The collecting process ended, exit code {self._process.exitcode}.")
 
 
 class AsyncDistillRunner(DistillRunner):
@@ -166,8 +186,10 @@ class AsyncDistillRunner(DistillRunner):
             CollectorError: It failed; a checkpoint is saved.
         """
         self._weights.publish(self.alg.student, self.alg.num_updates)
-        self.env.begin(self.cfg, self._blocks, self._weights, self.run_dir)
+        teacher = copy.deepcopy(self.alg.teacher).cpu()
+        teacher.reset()  # the collector's episodes are its own
         try:
+            self.env.begin(self.cfg, self._blocks, self._weights, teacher, self.run_dir)
             return super().train(max_iterations, max_minutes)
         except CollectorError:
             self._save_numbered()
@@ -196,7 +218,7 @@ class AsyncDistillRunner(DistillRunner):
             self._asynchronous["Async/rollout_s"] = mean_s
         return (
             obs,
-            _merge([rollout.statistics for rollout in arrived]),
+            join_statistics([rollout.statistics for rollout in arrived]),
             len(arrived) * self.steps_per_iteration,
         )
 
@@ -236,19 +258,3 @@ def _allocate_shared(example: Sequences, number: int) -> list[Sequences]:
         for tensor in block.tensors():
             tensor.share_memory_()
     return blocks
-
-
-def _merge(statistics: list[dict[str, float]]) -> dict[str, float]:
-    """Join the statistics of rollouts, weighted by their episodes; counts are summed."""
-    episodes = sum(entry["episodes"] for entry in statistics)
-    merged = {"episodes": episodes}
-    for name in statistics[0].keys() - {"episodes"} if statistics else ():
-        if name.startswith("overflow/"):
-            merged[name] = sum(entry[name] for entry in statistics)
-        else:
-            weights = [
-                entry["episodes"] / episodes if episodes else 1.0 / len(statistics) for entry in statistics
-            ]
-            parts = zip(weights, statistics, strict=True)
-            merged[name] = sum(weight * entry[name] for weight, entry in parts if weight > 0.0)
-    return merged

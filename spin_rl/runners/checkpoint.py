@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import sys
@@ -145,6 +146,15 @@ def load_module_state(module: nn.Module, state: Mapping[str, torch.Tensor], name
         more = f" and {len(differences) - 4} more" if len(differences) > 4 else ""
         raise ValueError(f"{source} does not fit the {name}: {'; '.join(sorted(differences)[:4])}{more}.")
     module.load_state_dict(dict(state))
+
+
+def weights_digest(module: nn.Module) -> str:
+    """Return a hash of parameters and buffers, their names, types and shapes, as hexadecimal digits."""
+    digest = hashlib.sha256()
+    for key, value in sorted(module.state_dict().items()):
+        digest.update(f"{key} {value.dtype} {tuple(value.shape)}".encode())
+        digest.update(value.cpu().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def to_cpu(value: Any) -> Any:

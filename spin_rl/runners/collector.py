@@ -21,14 +21,13 @@ from spin_rl.models import ScandotModel
 from spin_rl.runners.checkpoint import to_cpu
 from spin_rl.runners.distillation import build_student
 from spin_rl.runners.interface import TrainingEnv
-from spin_rl.runners.policy_file import load_policy
 from spin_rl.runners.sequences import Recorder, Sequences
 
 _POLL_S = 0.5
 
 
 class SharedWeights:
-    """A model's parameters in memory that two processes share.
+    """A model's weights, its normalizer's statistics among them, in memory that two processes share.
 
     There are two copies of them: one is read while the other is written, so that nobody waits, and a process
     that dies in between blocks none.
@@ -41,7 +40,7 @@ class SharedWeights:
             model: The learner's.
         """
         self._copies = [
-            [parameter.detach().to("cpu", copy=True).share_memory_() for parameter in model.parameters()]
+            [value.to("cpu", copy=True).share_memory_() for value in model.state_dict().values()]
             for _ in range(2)
         ]
         self._versions = torch.zeros(2, dtype=torch.int64).share_memory_()
@@ -50,8 +49,8 @@ class SharedWeights:
     def publish(self, model: ScandotModel, version: int) -> None:
         """Write the learner's weights; one process only may do so."""
         count = int(self._count) + 1
-        for own, value in zip(self._copies[count % 2], model.parameters(), strict=True):
-            own.copy_(value.detach())
+        for own, value in zip(self._copies[count % 2], model.state_dict().values(), strict=True):
+            own.copy_(value)
         self._versions[count % 2] = version
         self._count.fill_(count)
 
@@ -59,8 +58,8 @@ class SharedWeights:
         """Copy the newest weights into a model; return their version."""
         while True:
             count = int(self._count)
-            for own, value in zip(self._copies[count % 2], model.parameters(), strict=True):
-                value.data.copy_(own)
+            for own, value in zip(self._copies[count % 2], model.state_dict().values(), strict=True):
+                value.copy_(own)
             version = int(self._versions[count % 2])
             if int(self._count) == count:  # else the copy that was read may have been overwritten
                 return version
@@ -74,6 +73,7 @@ class Order:
         cfg: Configuration of the runner.
         blocks: Shared memory, all of it the collector's at first.
         weights: The student's.
+        teacher: Sent as the learner has it: its file may hold others by now.
         env_state: Of a resumed run.
         run_dir: Folder for the states of worlds that turn non-finite.
     """
@@ -81,6 +81,7 @@ class Order:
     cfg: dict[str, Any]
     blocks: list[Sequences]
     weights: SharedWeights
+    teacher: ScandotModel
     env_state: dict[str, Any] | None
     run_dir: Path | None
 
@@ -153,7 +154,6 @@ class _Collector:
         obs = env.get_observations()
         torch.manual_seed(order.cfg.get("seed", 0))
         self._student = build_student(obs, order.cfg, env.num_actions).to(device).requires_grad_(False)
-        teacher = load_policy(order.cfg["algorithm"]["teacher"], obs, device)
         self._free = deque(range(len(order.blocks)))
         # From a GPU, whole rollouts are copied to the shared memory of the host.
         steps = order.cfg["num_steps_per_env"]
@@ -161,7 +161,7 @@ class _Collector:
         self._local = (
             None if on_host else Sequences.allocate(obs, self._student, steps, env.num_actions, device)
         )
-        self._recorder = Recorder(self._student, teacher, order.blocks[0])
+        self._recorder = Recorder(self._student, order.teacher.to(device), order.blocks[0])
         self._ends = False
 
     @torch.no_grad()

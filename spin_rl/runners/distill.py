@@ -28,7 +28,7 @@ class DistillRunner(TrainingLoop):
 
     def _scalars(self, losses: dict[str, float]) -> dict[str, float]:
         self.loss = losses.get("actions", math.nan)
-        return {"Loss/actor_is_frozen": float(self.alg.actor_is_frozen)}
+        return super()._scalars(losses)
 
     def _results(self) -> str:
         return f"loss {self.loss:.4f} | {super()._results()}"

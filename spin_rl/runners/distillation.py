@@ -20,6 +20,7 @@ from torch import nn
 from spin_rl.models import ScandotModel
 from spin_rl.models.scandot import is_depth, is_encoded
 from spin_rl.runners.algorithm import MAX_LOST_UPDATES
+from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.dvo import action_error
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import load_policy
@@ -63,7 +64,7 @@ class Distillation(rsl_rl.algorithms.Distillation):
         Args:
             student: Learns, and acts.
             teacher: Says what it would do in the states that the student visits; it is left as it is.
-            sequences: Memory for one rollout.
+            sequences: Memory for one rollout; where another process collects, a description on "meta".
             camera_actions: Actions that move the camera, for the statistics.
             num_learning_epochs: Passes over a rollout.
             num_mini_batches: Parts of a rollout, split by environment.
@@ -134,7 +135,8 @@ class Distillation(rsl_rl.algorithms.Distillation):
             copy_model(student, teacher, Camera())
         except ValueError as error:
             raise ValueError(f"teacher: {source} cannot be distilled: {error}") from None
-        sequences = Sequences.allocate(obs, student, cfg["num_steps_per_env"], env.num_actions, device)
+        memory = "meta" if getattr(env, "is_remote", False) else device
+        sequences = Sequences.allocate(obs, student, cfg["num_steps_per_env"], env.num_actions, memory)
         return algorithm_class(
             student,
             teacher,
@@ -168,12 +170,13 @@ class Distillation(rsl_rl.algorithms.Distillation):
         return self.learn(self.sequences)
 
     def learn(self, sequences: Sequences) -> dict[str, float]:
-        """Learn from sequences and return mean losses and the number of skipped steps.
+        """Learn from sequences; return mean losses, the number of skipped steps and `actor_is_frozen`.
 
         Raises:
             FloatingPointError: Several calls in a row allowed no step at all.
         """
-        self._freeze_actor(self.actor_is_frozen)
+        frozen = self.actor_is_frozen
+        self._freeze_actor(frozen)
         self.num_updates += 1
         records = []
         for _ in range(self.num_learning_epochs):
@@ -195,22 +198,36 @@ class Distillation(rsl_rl.algorithms.Distillation):
             name: sum(column) / len(done)
             for name, column in zip(STATISTICS, zip(*done, strict=True), strict=False)
         }
-        return means | {"skipped_steps": float(len(rows) - len(done))}
+        return means | {"skipped_steps": float(len(rows) - len(done)), "actor_is_frozen": float(frozen)}
 
     def set_progress(self, progress: float) -> None:
-        """Tell the "linear" schedule which part of the run is over, from 0 to 1."""
-        if self.schedule == "linear":
-            start, end = self.initial_learning_rate, self.min_learning_rate
-            self.learning_rate = start + (end - start) * min(progress, 1.0)
-            for group in self.optimizer.param_groups:
-                group["lr"] = self.learning_rate
+        """Set the schedule's learning rate; the configured one holds for a resumed run too.
 
-    def extra_state(self) -> dict[str, float]:
+        Args:
+            progress: Part of the run that is over, from 0 to 1.
+        """
+        start = self.initial_learning_rate
+        end = self.min_learning_rate if self.schedule == "linear" else start
+        self.learning_rate = start + (end - start) * min(progress, 1.0)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate
+
+    def extra_state(self) -> dict[str, Any]:
         """Return what a checkpoint has to keep beside models, optimizer and learning rate."""
-        return {"updates": self.num_updates}
+        return {"updates": self.num_updates, "teacher": weights_digest(self.teacher)}
 
-    def load_extra_state(self, state: dict[str, float]) -> None:
-        """Restore what `extra_state` returned."""
+    def load_extra_state(self, state: dict[str, Any]) -> None:
+        """Restore what `extra_state` returned.
+
+        Raises:
+            ValueError: The run began with another teacher.
+        """
+        # Old checkpoints do not tell which teacher they had.
+        if state.get("teacher") not in (None, weights_digest(self.teacher)):
+            raise ValueError(
+                "teacher: its weights are not those that this run began with; a run's folder stands for its "
+                "newest checkpoint, so name the same file as then."
+            )
         self.num_updates = int(state["updates"])
 
     def _freeze_actor(self, frozen: bool) -> None:

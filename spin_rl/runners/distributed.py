@@ -59,14 +59,6 @@ class Processes:
         distributed.all_reduce(values, distributed.ReduceOp.MAX, group=self._host_group)
         return [bool(value) for value in values.tolist()]
 
-    def sum(self, values: list[float]) -> list[float]:
-        """Add up numbers over the processes."""
-        if not self.parallel:
-            return values
-        total = torch.tensor(values, dtype=torch.float64)
-        distributed.all_reduce(total, group=self._host_group)
-        return total.tolist()
-
     def max(self, value: float) -> float:
         """Return the greatest of the processes' numbers."""
         if not self.parallel:
@@ -83,26 +75,16 @@ class Processes:
         distributed.gather_object(item, items, dst=0, group=self._host_group)
         return items or []
 
+    def gather_all(self, item: Any) -> list[Any]:
+        """Collect one small object of each process in all of them, in the order of their ranks."""
+        if not self.parallel:
+            return [item]
+        items: list[Any] = [None] * self.world_size
+        distributed.all_gather_object(items, item, group=self._host_group)
+        return items
+
     def leave(self) -> None:
         """Leave the group, if it was joined here."""
         if self.joined:
             distributed.destroy_process_group()
             self.joined = False
-
-
-def mean_statistics(processes: Processes, statistics: dict[str, float]) -> dict[str, float]:
-    """Average episode statistics over the processes, weighted by their episodes; counts are summed.
-
-    Counts are "episodes" and what is named "overflow/...".
-
-    Statistics of a process without finished episodes count only where no process finished one.
-    """
-    if not processes.parallel:
-        return statistics
-    counts = sorted(name for name in statistics if name == "episodes" or name.startswith("overflow/"))
-    totals = dict(zip(counts, processes.sum([statistics[name] for name in counts]), strict=True))
-    names = sorted(statistics.keys() - totals.keys())
-    episodes, total = statistics["episodes"], totals["episodes"]
-    weight = episodes / total if total > 0 else 1.0 / processes.world_size
-    means = processes.sum([statistics[name] * weight if weight > 0 else 0.0 for name in names])
-    return totals | dict(zip(names, means, strict=True))

@@ -21,7 +21,7 @@ from spin_rl.runners.checkpoint import (
     save_numbered,
     to_cpu,
 )
-from spin_rl.runners.distributed import Processes, mean_statistics
+from spin_rl.runners.distributed import Processes
 from spin_rl.runners.interface import TrainingEnv
 from spin_rl.runners.progress import (
     ProgressLine,
@@ -29,6 +29,7 @@ from spin_rl.runners.progress import (
     ScalarWriter,
     episode_tag,
     format_duration,
+    join_statistics,
 )
 from spin_rl.runners.stop import Limits, StopRequest
 
@@ -161,7 +162,8 @@ class TrainingLoop(OnPolicyRunner):
 
         Raises:
             FileNotFoundError: There is no such file.
-            ValueError: It is damaged, or of another architecture; one line that names what differs.
+            ValueError: It is damaged, of another architecture, or learned from another teacher; one line
+                that names what differs.
         """
         path, state = find_checkpoint(path)
         fits = all(name in state for name in self.alg.trained)
@@ -223,7 +225,8 @@ class TrainingLoop(OnPolicyRunner):
                 obs, rewards, dones, extras = self.env.step(self.alg.act(obs))
                 self.alg.process_env_step(obs, rewards, dones, extras)
             self.alg.compute_returns(obs)
-        statistics = mean_statistics(self.processes, self.env.episode_stats())  # reads from the device
+        own = self.env.episode_stats()  # reads from the device
+        statistics = join_statistics(self.processes.gather_all(own))
         return obs, statistics, self.steps_per_iteration
 
     def _learn(self) -> dict[str, float]:

@@ -6,11 +6,35 @@ import math
 import sys
 import time
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
 LINE_INTERVAL_S = 10.0
 """Time between lines where the output is not a terminal."""
+
+
+def join_statistics(parts: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Join episode statistics of processes, rollouts or iterations.
+
+    Args:
+        parts: Statistics with the same names, "episodes" among them; may be empty.
+
+    Returns:
+        Sums of the counts, which are "episodes" and what is named "overflow/..."; of all else the mean,
+        weighted by the episodes. Parts without episodes count only where no part has one.
+    """
+    episodes = sum(part["episodes"] for part in parts)
+    joined = {"episodes": episodes}
+    for name in parts[0].keys() - {"episodes"} if parts else ():
+        if name.startswith("overflow/"):
+            joined[name] = sum(part[name] for part in parts)
+        elif episodes > 0:
+            counted = (part for part in parts if part["episodes"] > 0)
+            joined[name] = sum(part["episodes"] / episodes * part[name] for part in counted)
+        else:
+            joined[name] = sum(part[name] for part in parts) / len(parts)
+    return joined
 
 
 class RecentEpisodes:
@@ -26,10 +50,7 @@ class RecentEpisodes:
 
     def mean(self, name: str) -> float:
         """Return a statistic's mean, NaN before the first episode has ended."""
-        episodes = sum(statistics["episodes"] for statistics in self._window)
-        if episodes == 0:
-            return math.nan
-        return sum(statistics[name] * statistics["episodes"] for statistics in self._window) / episodes
+        return join_statistics(self._window)[name] if self._window else math.nan
 
 
 class ProgressLine:

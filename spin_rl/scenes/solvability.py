@@ -17,12 +17,12 @@ from omegaconf import OmegaConf
 from spin_rl.config import from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.generator import generate_layouts
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.scenes.params import GeneratorParams
 from spin_rl.scenes.planner import find_path
 
-CELLS = tuple((scenario, difficulty) for scenario in (1, 2) for difficulty in (0, 1, 2))
-DIFFICULTIES = ("easy", "medium", "hard")
+CELLS = tuple((scenario, i) for scenario in SCENARIOS for i in range(len(DIFFICULTIES)))
 
 
 def generate_scenes(

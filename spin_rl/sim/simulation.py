@@ -151,7 +151,7 @@ class Simulation:
             self._scene_geoms = wp.array(
                 [self.mj_model.geom(name).id for name in pool.geom_names()], dtype=wp.int32
             )
-            self._geom_part = wp.array(_geom_parts(self.mj_model), dtype=wp.int32)
+            self._geom_part = wp.array(geom_parts(self.mj_model), dtype=wp.int32)
             # Everything that belongs to the world body: the floor and the scene pool.
             self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
             self._limits = drive_module.DriveLimits.create(profile, device)
@@ -289,7 +289,7 @@ class Simulation:
         mjw.kinematics(self.model, self.data)
 
 
-def _geom_parts(model: mujoco.MjModel) -> list[int]:
+def geom_parts(model: mujoco.MjModel) -> list[int]:
     """Return the index into `robot.PARTS` of every geom, -1 where it is no collision geom of the robot."""
     parts = []
     for geom in range(model.ngeom):

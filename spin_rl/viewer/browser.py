@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from spin_rl.benchmark.paper import DIFFICULTIES, SCENARIOS
 from spin_rl.config import ConfigError
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.viewer import style
 from spin_rl.viewer.browser_scene import WorldView
 from spin_rl.viewer.extras import require

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from spin_rl.scenes import kinds
 from spin_rl.scenes.layout import Scene
 from spin_rl.viewer import style
 from spin_rl.viewer.extras import require
@@ -71,13 +72,13 @@ def nearest(scene: Scene, points: np.ndarray, levels: Sequence[str]) -> np.ndarr
     Args:
         scene: The scene.
         points: Positions [m], shape (n, 2).
-        levels: Names of `style.LEVELS`.
+        levels: Names of `scenes.kinds.LEVELS`.
 
     Returns:
         Distances to the footprints [m], 0 inside, infinite where there is no such obstacle, shape (n,).
     """
     result = np.full(len(points), np.inf)
-    for slot, level in enumerate(style.levels(scene)):
+    for slot, level in enumerate(kinds.levels(scene)):
         if scene.active[slot] and not scene.is_wall[slot] and level in levels:
             result = np.minimum(result, _distance(footprint(scene, slot), points))
     return result

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from spin_rl import robot
-from spin_rl.benchmark.reach import Policy
+from spin_rl.policy import Policy
 from spin_rl.scenes.layout import Scene
 from spin_rl.tasks.episode import OUTCOMES
 from spin_rl.tasks.nav import NavEnv

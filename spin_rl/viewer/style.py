@@ -1,9 +1,10 @@
-"""Colours that all views share, and how high an obstacle stands."""
+"""Colours that all views share."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from spin_rl.scenes.kinds import levels
 from spin_rl.scenes.layout import Scene
 
 Rgb = tuple[int, int, int]
@@ -25,37 +26,12 @@ OUTCOME: dict[str, Rgb] = {
     "non_finite": (140, 40, 160),
 }
 
-LEVELS = ("low", "tall", "arm", "head")
-"""Obstacles that the arm passes over, none passes, stand at the arm's height, hang at the head's."""
-
 LEVEL: dict[str, Rgb] = {
     "low": (86, 140, 190),
     "tall": (120, 96, 160),
     "arm": (80, 160, 150),
     "head": (214, 138, 92),
 }
-
-_ON_FLOOR_M = 0.05
-_LOW_TOP_M = 0.4
-_HEAD_BOTTOM_M = 0.95
-
-
-def level_of(bottom: float, top: float) -> str:
-    """Name of `LEVELS` for an obstacle between two heights [m].
-
-    Floating obstacles from 0.95 m up are at the head's height; those on the floor are low up to 0.4 m.
-    """
-    if bottom > _HEAD_BOTTOM_M:
-        return "head"
-    if bottom > _ON_FLOOR_M:
-        return "arm"
-    return "low" if top <= _LOW_TOP_M else "tall"
-
-
-def levels(scene: Scene) -> list[str]:
-    """Level of every slot; that of walls and inactive slots means nothing."""
-    bottoms, tops = scene.pos[:, 2] - scene.half_size[:, 2], scene.pos[:, 2] + scene.half_size[:, 2]
-    return [level_of(float(bottom), float(top)) for bottom, top in zip(bottoms, tops, strict=True)]
 
 
 def slot_colours(scene: Scene) -> list[Rgb]:

@@ -30,6 +30,7 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "task.episode_s=-1"], "task.episode_s must exceed"),
         (["policy=zero", "robot.profile=jet"], "robot: unknown profile 'jet'"),
         (["policy=zero", "epsiodes=3"], "epsiodes"),
+        (["policy=nav-cvo", "depth=d435i"], "depth: depth=d435i changes nothing"),
     ],
 )
 def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, arguments, expected):
@@ -49,12 +50,13 @@ def test_scene_is_a_file_or_the_group():
     assert common.scene_file_argument("policy=zero") == "policy=zero"
 
 
-def test_another_scene_is_named_in_table_and_file(monkeypatch, capsys, device, tmp_path):
+def test_other_scenes_and_images_are_named_in_table_and_file(monkeypatch, capsys, device, tmp_path):
     out = tmp_path / "reach.json"
     run_main(monkeypatch, "policy=zero", "episodes=1", "seeds=[0]", f"device={device}", f"out={out}",
-             "scene=moving", "task.episode_s=0.2")  # fmt: skip
-    assert ", scene moving\n" in capsys.readouterr().out
-    assert json.loads(out.read_text())["scene"] == "moving"
+             "scene=moving", "depth=d435i", "task.depth.enabled=true", "task.episode_s=0.2")  # fmt: skip
+    assert ", depth noise d435i, scene moving\n" in capsys.readouterr().out
+    result = json.loads(out.read_text())
+    assert result["scene"] == "moving" and result["depth"]["noise"]["latency_steps"] == [0, 1]
 
 
 def test_zero_policy_end_to_end(device, tmp_path):

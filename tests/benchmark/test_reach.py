@@ -1,4 +1,3 @@
-import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -146,23 +145,6 @@ def test_impossible_counts_name_the_key(arguments, key):
     episodes, seeds, num_envs = arguments
     with pytest.raises(ConfigError, match=f"^{key}:"):
         reach.evaluate_reach(None, None, episodes, seeds, "cpu", num_envs=num_envs)
-
-
-def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, device):
-    trained = {"robot": {"profile": "re1"}, "task": {"camera_mount": "landscape"}}
-    monkeypatch.setattr(
-        policies, "open_policy", lambda name: (lambda obs, device: policies.ZeroPolicy(), trained)
-    )
-    path = reach.evaluate_run(tmp_path, episodes=1, device=device)
-    assert path == tmp_path / "reach.json"
-    result = json.loads(path.read_text())
-    assert result["robot"] == "re1" and result["camera_mount"] == "landscape"
-    assert result["policy"] == str(tmp_path) and result["seeds"] == [0]
-    # Standing still for a minute ends by the time limit.
-    assert [row["timeout_rate"] for row in result["rows"]] == [1.0] * 6
-    assert [row["duration_all_s"] for row in result["rows"]] == pytest.approx([60.0] * 6)
-    printed = capsys.readouterr().out
-    assert "SPIN (CVO)" in printed and printed.strip().splitlines()[-1].startswith(f"Wrote {path}")
 
 
 def test_a_scene_file_is_one_row(tmp_path, device):

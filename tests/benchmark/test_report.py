@@ -1,10 +1,12 @@
 import json
+from dataclasses import asdict
 
 import pytest
 
 from spin_rl import robot
 from spin_rl.benchmark import report
 from spin_rl.benchmark.reach import REACH_CELLS
+from spin_rl.sensors.depth_noise import DepthNoiseConfig
 
 CAUSES = dict.fromkeys((*robot.PARTS, "timeout", "non_finite"), 0.0)
 
@@ -60,6 +62,15 @@ def test_another_distribution_of_corridors_is_named_and_not_beside_the_paper(six
     assert lines[0].endswith(", scene moving, scene.width=1.1")
     assert "SPIN" not in lines[1]
     assert "scene" not in report.table(six_cells).splitlines()[0]
+
+
+def test_images_are_named_with_their_noise(six_cells):
+    noise = asdict(DepthNoiseConfig())
+    title = report.table(six_cells | {"depth": {"noise": noise}, "scene": "moving"}).splitlines()[0]
+    assert title.endswith(", camera portrait, depth noise ideal, scene moving")
+    title = report.table(six_cells | {"depth": {"noise": noise | {"dropout": 0.1}}}).splitlines()[0]
+    assert title.endswith(", depth noise ideal, dropout=0.1")
+    assert "depth" not in report.table(six_cells | {"depth": None})
 
 
 def test_table_without_success(six_cells):

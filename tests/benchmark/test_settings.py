@@ -1,3 +1,6 @@
+import json
+from dataclasses import asdict
+
 import hydra
 import pytest
 from hydra.core.global_hydra import GlobalHydra
@@ -75,13 +78,53 @@ def test_composing_leaves_a_running_command_alone():
 
 
 @pytest.mark.parametrize(
-    ("choice", "overridden", "expected"),
+    ("overridden", "expected"),
     [
-        ("nav", (), None),
-        ("nav", ("episodes=3", "task.scenario=2", "scene_file=a.yaml"), None),
-        ("moving", ("scene=moving",), "moving"),
-        ("nav", ("scene.width=1.1", "+scene.length=6"), "nav, scene.width=1.1, +scene.length=6"),
+        ((), None),
+        (("episodes=3", "task.scenario=2", "scene_file=a.yaml"), None),
+        (("scene=nav",), None),
+        (("scene=moving",), "moving"),
+        (("scene=moving", "scene.passage=0.6"), "moving, scene.passage=0.6"),
+        (("scene.width=1.1", "+scene.length=6"), "nav, scene.width=1.1, +scene.length=6"),
     ],
 )
-def test_corridors_have_a_name_unless_they_are_the_benchmarks(choice, overridden, expected):
-    assert settings.scene_label(choice, overridden) == expected
+def test_corridors_have_a_name_unless_they_are_the_benchmarks(overridden, expected):
+    assert settings.scene_label(overridden) == expected
+
+
+def test_an_evaluation_after_training_keeps_corridors_and_images():
+    call = [
+        "teacher=nav-cvo",
+        "depth=d435i",
+        "+scene.length=6",
+        "seed=2",
+        "depth.noise.patches=0",
+        "sim=fast",
+    ]
+    assert settings.conditions(call) == ["depth=d435i", "+scene.length=6", "depth.noise.patches=0"]
+
+
+@pytest.mark.parametrize("choice", ["ideal", "d435i"])
+def test_noise_has_the_name_of_its_file(choice):
+    task = env_config(settings.compose([f"depth={choice}", "task.depth.enabled=true"]))
+    noise = asdict(task.depth.noise)
+    assert settings.noise_label(noise) == choice
+    assert settings.noise_label(json.loads(json.dumps(noise))) == choice
+    assert settings.noise_label(noise | {"dropout": 0.3}) == f"{choice}, dropout=0.3"
+
+
+def test_images_that_nobody_reads_are_told():
+    overrides = ["episodes=3", "depth.noise.patches=0"]
+    blind = env_config(settings.compose(overrides))
+    assert settings.unused_depth(blind, overrides) == (
+        "depth: depth.noise.patches=0 changes nothing, since this policy reads no images"
+    )
+    assert settings.unused_depth(blind, ["episodes=3", "task.depth.enabled=false"]) is None
+    reads = {"task": {"depth": {"enabled": True}}}
+    seeing = env_config(settings.for_policy(settings.compose(overrides), reads, overrides))
+    assert settings.unused_depth(seeing, overrides) is None
+
+
+def test_policies_are_shown_as_they_are_measured(cfg):
+    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        assert hydra.compose("play").task == cfg.task

@@ -78,6 +78,20 @@ def test_sweep_compares_with_the_smallest():
     assert rows[0].ratio is None and rows[1].baseline == "env step, 8 worlds" and rows[1].ratio > 0.0
 
 
+def test_images_are_compared_with_scandots_of_the_same_run():
+    clock = [0.0]
+
+    def driver(seconds):
+        def step():
+            clock[0] += seconds
+
+        return SimpleNamespace(env=SimpleNamespace(num_envs=8), step=step)
+
+    row = env_speed.measure_images(driver(0.4), driver(0.1), 10.0, Stopwatch(clock=lambda: clock[0]))
+    assert row.value == pytest.approx(20.0) and row.baseline_value == pytest.approx(80.0)
+    assert row.ratio == pytest.approx(0.25) and "0.016x" in row.baseline
+
+
 @pytest.mark.parametrize("mount", ["portrait", "landscape"])
 def test_visibility_peers_compute_the_same_tokens(device, mount):
     cfg = NavConfig(camera_mount=mount)
@@ -183,6 +197,8 @@ def run_main(monkeypatch, *arguments):
         (["out=."], "out: . is a folder"),
         (["task.episode_s=-1"], "task.episode_s must exceed"),
         (["waht=env"], "waht"),
+        (["algo=dvo1b"], "algo: dvo1b learns from a teacher"),
+        (["algo=dvo1b_paper", "teacher=nav-dvo", "what=env"], "algo: dvo1b_paper learns from a teacher"),
     ],
 )
 def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, arguments, expected):
@@ -222,6 +238,7 @@ def test_everything_end_to_end(monkeypatch, capfd, device, tmp_path):
     assert result["device"] == device and result["settings"]["num_envs"] == 8
     names = [row["name"] for row in result["rows"]]
     for name in ("scandots, 14 obstacles, frustum and window", "env step", "env step, 4 worlds",
+                 "env step with depth images",
                  "update: LSTM of the actor", "update: 2 minibatches instead of 4",
                  "train: env step + inference", "train: full training, 1 process"):  # fmt: skip
         assert name in names
@@ -231,3 +248,20 @@ def test_everything_end_to_end(monkeypatch, capfd, device, tmp_path):
         assert any(row["name"] in line for line in lines)
     epochs = next(row for row in result["rows"] if row["name"] == "update: 5 epochs instead of 1")
     assert epochs["ratio"] < 1.0
+
+
+def test_training_from_depth(monkeypatch, capfd, device, tmp_path):
+    monkeypatch.setattr(train_speed, "MIN_BLOCKS", 1)
+    actors = []
+    peer_of = rsl_rl_peer.RslRlPeer.__init__
+
+    def remember(self, ours, *arguments):
+        actors.append(ours.actor)
+        peer_of(self, ours, *arguments)
+
+    monkeypatch.setattr(rsl_rl_peer.RslRlPeer, "__init__", remember)
+    out = tmp_path / "bench.json"
+    run_main(monkeypatch, *TINY, "preset=cpu", f"device={device}", f"out={out}",
+             "what=train", "algo=direct_depth")  # fmt: skip
+    assert list(actors[0].encoders) == ["depth"]
+    assert all(row["value"] > 0.0 for row in json.loads(out.read_text())["rows"])

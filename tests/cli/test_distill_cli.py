@@ -1,6 +1,7 @@
 """The spin-distill command: its errors, and tiny runs in one and in two processes."""
 
 import json
+import math
 import os
 import sys
 
@@ -9,7 +10,7 @@ import yaml
 
 import spin_rl.tasks.nav
 from spin_rl.benchmark import settings
-from spin_rl.cli import distill
+from spin_rl.cli import distill, run_folder
 from spin_rl.paths import POLICY_DIR
 from spin_rl.runners import load_policy, read_policy
 from spin_rl.tasks.build import env_config
@@ -90,6 +91,17 @@ def test_distillation_from_start_to_resume(monkeypatch, capfd, tmp_path, device)
     run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
     assert "Continuing with other settings" not in capfd.readouterr().out
     assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
+
+
+@pytest.mark.parametrize(
+    ("success", "text", "number"), [(math.nan, "no episode over yet", None), (0.25, "success 0.25", 0.25)]
+)
+def test_last_line_of_a_run(capsys, tmp_path, success, text, number):
+    summary = {"success_rate": success, "env_steps": 1234}
+    run_folder.write_results(tmp_path, summary, {"seed": 1, "evaluate": 0}, "cpu")
+    path = tmp_path / "summary.json"
+    assert capsys.readouterr().out == f"Wrote {path}: {text} after 1,234 env steps\n"
+    assert json.loads(path.read_text())["success_rate"] == number
 
 
 def test_asynchronous_distillation(monkeypatch, tmp_path):

@@ -34,6 +34,20 @@ def make_env(
     return env
 
 
+def make_recording_env():
+    """An environment whose state tells all actions that it has taken, shape (steps, num_envs, actions)."""
+    env = make_env()
+    step, state_dict, history = env.step, env.state_dict, []
+
+    def recorded(actions):
+        history.append(actions.clone())
+        return step(actions)
+
+    env.step = recorded
+    env.state_dict = lambda: state_dict() | {"history": torch.stack(history) if history else None}
+    return env
+
+
 def fail_to_make_env():
     raise OSError("there is no world")
 

@@ -1,6 +1,7 @@
 """Distillation runs in one and in two processes: results, resuming, and ends of all kinds."""
 
 import os
+import shutil
 import signal
 import time
 from functools import partial
@@ -13,8 +14,9 @@ from fake_env import make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from spin_rl.runners import PPORunner, load_checkpoint, load_policy, save_policy
-from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv, _merge
+from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.distill import DistillRunner
+from spin_rl.runners.sequences import mean_actions
 
 DEADLINE_S = 60.0
 
@@ -50,11 +52,51 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path, teacher):
     assert second.alg.learning_rate == whole.alg.learning_rate and not second.alg.actor_is_frozen
 
 
+@pytest.mark.parametrize(("schedule", "expected"), [("fixed", 2e-4), ("linear", 2e-4 - 1e-4 * 2 / 3)])
+def test_a_resumed_run_takes_the_learning_rate_that_is_given(tmp_path, teacher, schedule, expected):
+    DistillRunner(DepthEnv(), make_student_config(teacher, schedule=schedule), tmp_path).train(1)
+    settings = {"schedule": schedule, "learning_rate": 2e-4, "min_learning_rate": 1e-4}
+    runner = DistillRunner(DepthEnv(), make_student_config(teacher, **settings))
+    runner.load(tmp_path)
+    runner.train(3)
+    assert runner.alg.optimizer.param_groups[0]["lr"] == runner.alg.learning_rate == pytest.approx(expected)
+
+
+@pytest.fixture
+def growing_teacher(tmp_path, teacher):
+    """A teacher's run, and what lets it go on."""
+    folder = tmp_path / "teacher"
+    shutil.copytree(teacher, folder)
+
+    def train_on():
+        runner = PPORunner(DepthEnv(), make_config(learning_rate=1e-2), folder)
+        runner.load(folder)
+        runner.train(4)
+
+    return folder, train_on
+
+
+def test_a_teacher_that_has_changed_is_refused_on_resume(tmp_path, growing_teacher):
+    folder, train_on = growing_teacher
+    DistillRunner(DepthEnv(), make_student_config(folder), tmp_path).train(1)
+    copied = tmp_path / "teacher.safetensors"
+    save_policy(copied, folder)
+    train_on()
+    runner = DistillRunner(DepthEnv(), make_student_config(folder))
+    with pytest.raises(ValueError, match="teacher: its weights are not those that this run") as error:
+        runner.load(tmp_path)
+    assert "\n" not in str(error.value)
+    same = DistillRunner(DepthEnv(), make_student_config(copied))  # whatever the file's name
+    same.load(tmp_path)
+    assert same.train(2)["iterations"] == 2
+
+
 def test_a_run_leaves_a_policy_and_events(tmp_path, teacher):
-    runner = DistillRunner(DepthEnv(), make_student_config(teacher), tmp_path)
+    runner = DistillRunner(DepthEnv(), make_student_config(teacher, freeze_iterations=1), tmp_path)
     summary = runner.train(2)
     events = EventAccumulator(str(tmp_path)).Reload()
     assert [event.step for event in events.Scalars("Loss/actions")] == [1, 2]
+    assert [event.value for event in events.Scalars("Loss/actor_is_frozen")] == [1.0, 0.0]
     assert events.Scalars("Loss/actions")[-1].value == pytest.approx(summary["loss"])
     save_policy(tmp_path / "student.safetensors", tmp_path)
     obs = DepthEnv().get_observations()
@@ -153,6 +195,57 @@ def test_two_processes_from_start_to_resume(tmp_path, teacher, make_async):
     assert summary["iterations"] == 25 and summary["env_steps"] > rollouts * 8 * 4
 
 
+def test_the_collector_acts_as_the_learner_would(teacher, processes, monkeypatch):
+    """With the learner's weights unchanged, a replay of what arrives gives the actions that were taken."""
+    env = RemoteEnv(async_jobs.make_recording_env, "cpu", processes)
+    runner = AsyncDistillRunner(env, make_student_config(teacher) | {"asynchronous": {"max_reuse": 1}})
+    student, errors = runner.alg.student, []
+
+    def replay(block):
+        with torch.no_grad():
+            x = student.encode(block.observations)
+            actions = mean_actions(student, student.decode(x, hidden_state=block.state, resets=block.resets))
+        rollouts = env.state_dict()["history"].unflatten(0, (-1, 8))
+        errors.append((rollouts - actions).abs().amax(dim=(1, 2, 3)).min().item())
+        return {"skipped_steps": 0.0}
+
+    monkeypatch.setattr(runner.alg, "learn", replay)
+    runner.train(3)
+    assert len(errors) == 3 and max(errors) < 1e-5
+
+
+def test_both_processes_have_the_same_teacher(growing_teacher, processes, monkeypatch):
+    """Also if its run goes on while the environment is made."""
+    folder, train_on = growing_teacher
+    runner = AsyncDistillRunner(RemoteEnv(async_jobs.make_env, "cpu", processes), make_student_config(folder))
+    expected = runner.alg.teacher(runner.env.get_observations()).clamp(-1.0, 1.0)
+    train_on()
+    targets = []
+
+    def note(block):
+        targets.append(block.targets[0].clone())
+        return {"skipped_steps": 0.0}
+
+    monkeypatch.setattr(runner.alg, "learn", note)
+    runner.train(1)
+    torch.testing.assert_close(targets[0], expected)
+
+
+def test_the_learner_has_no_memory_for_a_rollout_of_its_own(make_async):
+    runner = make_async()
+    assert all(tensor.is_meta for tensor in runner.alg.sequences.tensors())
+    assert runner.train(1)["iterations"] == 1
+
+
+def test_a_collector_that_is_gone_before_it_begins_is_named(tmp_path, make_async):
+    runner = make_async(tmp_path)
+    os.kill(runner.env.pid, signal.SIGKILL)
+    wait_until(lambda: not is_running(runner.env.pid))
+    with pytest.raises(CollectorError, match="The collecting process ended, exit code -9"):
+        runner.train(5)
+    assert load_checkpoint(tmp_path / "checkpoints" / "last.pt")["iteration"] == 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -194,12 +287,3 @@ def test_no_collector_outlives_its_learner(tmp_path, teacher, processes, number)
     assert process.exitcode == (0 if number == signal.SIGTERM else -number)
     wait_until(lambda: not is_running(collector))
     assert (tmp_path / "checkpoints" / "last.pt").exists() == (number == signal.SIGTERM)
-
-
-def test_statistics_of_rollouts_are_joined_by_their_episodes():
-    one = {"episodes": 1.0, "success_rate": 1.0, "overflow/contacts": 2.0}
-    other = {"episodes": 3.0, "success_rate": 0.0, "overflow/contacts": 1.0}
-    empty = {"episodes": 0.0, "success_rate": float("nan"), "overflow/contacts": 0.0}
-    expected = {"episodes": 4.0, "success_rate": 0.25, "overflow/contacts": 3.0}
-    assert _merge([one, other, empty]) == expected
-    assert _merge([]) == {"episodes": 0}

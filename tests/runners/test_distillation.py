@@ -176,7 +176,7 @@ def test_bad_gradients_are_skipped_without_a_trace():
     algorithm.sequences.targets[:] = torch.nan
     for _ in range(2):
         losses = algorithm.learn(algorithm.sequences)
-        assert losses == {"skipped_steps": 2.0}
+        assert losses == {"skipped_steps": 2.0, "actor_is_frozen": 0.0}
     for before, now in zip(weights, algorithm.student.parameters(), strict=True):
         assert torch.equal(before, now)
     with pytest.raises(FloatingPointError, match="not finite in 3 whole updates"):

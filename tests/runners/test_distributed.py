@@ -9,7 +9,6 @@ from fake_env import make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from spin_rl.runners import PPORunner, load_checkpoint, load_policy
-from spin_rl.runners.distributed import mean_statistics
 
 
 def free_port() -> int:
@@ -58,29 +57,3 @@ def test_replicas_stay_equal_and_one_of_them_writes(tmp_path, processes):
     state = load_checkpoint(tmp_path / "checkpoints" / "last.pt")
     positions = [process["env"]["position"] for process in state["processes"]]
     assert len(positions) == 2 and not torch.equal(*positions)  # each one's own environments
-
-
-class TwoProcesses:
-    """This process and one that finished `other`."""
-
-    parallel, world_size = True, 2
-
-    def __init__(self, *other: list[float]) -> None:
-        self.other = list(other)
-
-    def sum(self, values):
-        return [own + theirs for own, theirs in zip(values, self.other.pop(0), strict=True)]
-
-
-def test_statistics_are_weighted_by_episodes():
-    processes = TwoProcesses([1.0], [0.25 * 8.0, 0.25 * 0.0])
-    mean = mean_statistics(processes, {"success_rate": 1.0, "episodes": 3.0, "mean_return": 4.0})
-    assert mean == {"episodes": 4.0, "mean_return": 0.75 * 4.0 + 2.0, "success_rate": 0.75}
-
-
-def test_statistics_of_a_process_without_episodes_do_not_count():
-    processes = TwoProcesses([5.0], [0.9])
-    assert mean_statistics(processes, {"episodes": 0.0, "success_rate": float("nan")}) == {
-        "episodes": 5.0,
-        "success_rate": 0.9,
-    }

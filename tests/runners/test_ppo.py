@@ -47,6 +47,14 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path, critic, schedule):
     assert second.alg.learning_rate == whole.alg.learning_rate
 
 
+def test_a_resumed_run_takes_the_learning_rate_that_is_given(tmp_path):
+    PPORunner(FakeEnv(), make_config(schedule="fixed"), tmp_path).train(1)
+    runner = PPORunner(FakeEnv(), make_config(schedule="fixed", learning_rate=2e-4))
+    runner.load(tmp_path)
+    runner.train(2)
+    assert runner.alg.optimizer.param_groups[0]["lr"] == runner.alg.learning_rate == 2e-4
+
+
 def test_same_seed_gives_the_same_bits_and_another_seed_does_not():
     runs = []
     for seed in (3, 3, 4):

@@ -52,32 +52,39 @@ def test_a_ring_in_which_someone_would_wait_for_ever_is_refused(key, value):
         RingConfig(**{key: value})
 
 
+def fill(model, number):
+    """Set all that acting depends on: parameters, and the normalizer's statistics."""
+    for value in model.state_dict().values():
+        value.fill_(number)
+
+
+def is_filled(model, number):
+    return all((value == number).all() for value in model.state_dict().values())
+
+
 def test_shared_weights_are_the_newest_whole_ones(monkeypatch):
     student, other = make_models()[0], make_models(seed=1)[0]
+    assert dict(student.named_buffers())
     weights = SharedWeights(student)
     assert weights.load_into(other) == 0
     for number in (3, 7):
-        with torch.no_grad():
-            for parameter in student.parameters():
-                parameter.fill_(number)
+        fill(student, number)
         weights.publish(student, version=number)
     assert weights.load_into(other) == 7
-    assert all((parameter == 7).all() for parameter in other.parameters())
+    assert is_filled(other, 7)
 
     # The learner publishes twice while the weights are being read: they are read again.
-    second = list(other.parameters())[1]
+    second = list(other.state_dict().values())[1]
     copy = torch.Tensor.copy_
 
     def interrupted(own, value):
         if own.data_ptr() == second.data_ptr():
             monkeypatch.undo()
             for number in (8, 9):
-                with torch.no_grad():
-                    for parameter in student.parameters():
-                        parameter.fill_(number)
+                fill(student, number)
                 weights.publish(student, version=number)
         return copy(own, value)
 
     monkeypatch.setattr(torch.Tensor, "copy_", interrupted)
     assert weights.load_into(other) == 9
-    assert all((parameter == 9).all() for parameter in other.parameters())
+    assert is_filled(other, 9)

@@ -53,11 +53,12 @@ def test_plots_end_to_end(device, tmp_path):
     pytest.importorskip("matplotlib")
     folder = tmp_path / "plots"
     command = [sys.executable, "-m", "spin_rl.cli.play", "policy=zero", "episodes=2", "difficulty=easy",
-               f"plots={folder}", f"device={device}", "task.episode_s=0.5"]  # fmt: skip
+               f"plots={folder}", f"device={device}", "depth=d435i", "task.episode_s=0.5"]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == f"Wrote {folder}: 0 of 2 episodes reached the goal"
     assert "episode 2: timeout after 0.5 s" in done.stdout
+    assert "warning: depth: depth=d435i changes nothing, since this policy reads no images\n" in done.stderr
     assert sorted(file.name for file in folder.iterdir()) == ["episode_001.png", "episode_002.png"]
 
 

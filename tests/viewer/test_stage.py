@@ -4,6 +4,7 @@ import pytest
 from viewer_worlds import POOL, SCENE, snapshot
 
 from spin_rl import robot
+from spin_rl.scenes import kinds
 from spin_rl.scenes.builder import native_model
 from spin_rl.viewer import style
 from spin_rl.viewer.plan import Plan, footprint
@@ -76,11 +77,11 @@ def test_walls_are_cut_low_for_pictures_only(stage):
 
 
 def test_levels_of_obstacles():
-    levels = style.levels(SCENE)
+    levels = kinds.levels(SCENE)
     assert [levels[slot] for slot in (POOL.first_box, POOL.first_box + 1, POOL.first_cylinder)] == [
         "low", "head", "tall"
     ]  # fmt: skip
-    assert style.level_of(0.5, 0.7) == "arm"
+    assert kinds.level_of(0.5, 0.7) == "arm"
     assert style.slot_colours(SCENE)[0] == style.WALL
 
 

@@ -1,0 +1,36 @@
+"""Names of what a generated corridor and its obstacles are."""
+
+from __future__ import annotations
+
+from spin_rl.scenes.layout import Scene
+
+SCENARIOS = (1, 2)
+"""A straight corridor and an L-shaped one."""
+
+DIFFICULTIES = ("easy", "medium", "hard")
+"""In the order of the generator's numbers, from 0."""
+
+LEVELS = ("low", "tall", "arm", "head")
+"""Obstacles that the arm passes over, none passes, stand at the arm's height, hang at the head's."""
+
+_ON_FLOOR_M = 0.05
+_LOW_TOP_M = 0.4
+_HEAD_BOTTOM_M = 0.95
+
+
+def level_of(bottom: float, top: float) -> str:
+    """Name of `LEVELS` for an obstacle between two heights [m].
+
+    Floating obstacles from 0.95 m up are at the head's height; those on the floor are low up to 0.4 m.
+    """
+    if bottom > _HEAD_BOTTOM_M:
+        return "head"
+    if bottom > _ON_FLOOR_M:
+        return "arm"
+    return "low" if top <= _LOW_TOP_M else "tall"
+
+
+def levels(scene: Scene) -> list[str]:
+    """Level of every slot; that of walls and inactive slots means nothing."""
+    bottoms, tops = scene.pos[:, 2] - scene.half_size[:, 2], scene.pos[:, 2] + scene.half_size[:, 2]
+    return [level_of(float(bottom), float(top)) for bottom, top in zip(bottoms, tops, strict=True)]

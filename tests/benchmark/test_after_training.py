@@ -1,0 +1,53 @@
+import json
+from dataclasses import asdict
+
+import pytest
+
+from spin_rl.benchmark import after_training, policies
+from spin_rl.benchmark.reach import REACH_CELLS
+from spin_rl.tasks.build import default_config
+
+
+def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, device):
+    trained = {"robot": {"profile": "re1"}, "task": {"camera_mount": "landscape"}}
+    monkeypatch.setattr(
+        policies, "open_policy", lambda name: (lambda obs, device: policies.ZeroPolicy(), trained)
+    )
+    path = after_training.evaluate_run(tmp_path, episodes=1, device=device)
+    assert path == tmp_path / "reach.json"
+    result = json.loads(path.read_text())
+    assert result["robot"] == "re1" and result["camera_mount"] == "landscape"
+    assert result["policy"] == str(tmp_path) and result["seeds"] == [0]
+    # Standing still for a minute ends by the time limit.
+    assert [row["timeout_rate"] for row in result["rows"]] == [1.0] * 6
+    assert [row["duration_all_s"] for row in result["rows"]] == pytest.approx([60.0] * 6)
+    printed = capsys.readouterr().out
+    assert "SPIN (CVO)" in printed and printed.strip().splitlines()[-1].startswith(f"Wrote {path}")
+
+
+def test_corridors_and_noise_are_those_of_the_training(monkeypatch, capsys, tmp_path):
+    """Images as the student was trained on, not ideal ones through the filter for noisy ones."""
+    trained = {"task": {"depth": {"enabled": True}}, "depth": {"filter": {"fill_px": 3}}}
+    measured = []
+
+    def evaluate_reach(make_policy, cfg, episodes, seeds, device, **options):
+        measured.append(cfg)
+        row = {"success_rate": 1.0, "ci95": [0.9, 1.0], "duration_s": 5.0, "episodes": 9, "causes": {}}
+        rows = [row | {"scenario": cell.scenario, "difficulty": cell.difficulty} for cell in REACH_CELLS]
+        depth = None if cfg.depth is None else asdict(cfg.depth)
+        settings = {"seeds": [0], "robot": "paper", "camera_mount": "portrait", "depth": depth}
+        return {"policy": "run", "rows": rows} | settings
+
+    monkeypatch.setattr(policies, "open_policy", lambda name: (None, trained))
+    monkeypatch.setattr(after_training, "evaluate_reach", evaluate_reach)
+    call = ["depth=d435i", "scene=moving", "task.episode_s=3", "num_envs=4"]
+    path = after_training.evaluate_run(tmp_path, episodes=9, device="cpu", overrides=call)
+    (cfg,) = measured
+    asked = default_config(["depth=d435i", "scene=moving", "task.depth.enabled=true"])
+    assert cfg.depth == asked.depth and cfg.scene == asked.scene and cfg.scene.patrolling_share > 0.0
+    assert cfg.episode_s == 60.0 and cfg.noise.goal_m == 0.0
+    assert ", depth noise d435i, scene moving\n" in capsys.readouterr().out
+    assert json.loads(path.read_text())["scene"] == "moving"
+
+    after_training.evaluate_run(tmp_path, episodes=9, device="cpu")
+    assert measured[1].depth.noise.dropout == 0.0 and measured[1].depth.filter.fill_px == 3
