@@ -21,7 +21,7 @@ from spin_rl.tasks import episode
 from spin_rl.tasks.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.depth import DepthImages
 from spin_rl.tasks.health import HealthMonitor
-from spin_rl.tasks.proprioception import CAMERA_ACTIONS, CAMERA_JOINTS, camera_columns
+from spin_rl.tasks.proprioception import CAMERA_ACTIONS, camera_columns
 from spin_rl.tasks.rewards import Motion, Term
 from spin_rl.tasks.statistics import EpisodeStatistics
 
@@ -202,7 +202,7 @@ class TaskEnv(VecEnv):
         self._before_step()
         action_view.copy_(actions.clamp(-1.0, 1.0))
         if self._camera_action is not None:
-            action_view[:, -len(CAMERA_JOINTS) :] = self._camera_action
+            action_view[:, -len(robot.CAMERA_JOINTS) :] = self._camera_action
         # A world with a non-finite action is reset; its reward shall be finite.
         action = action_view.nan_to_num(0.0)
         self._graph.replay()

@@ -11,7 +11,6 @@ from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.sim import SimConfig
 from spin_rl.tasks import rewards
 from spin_rl.tasks.observations import NoiseConfig
-from spin_rl.tasks.proprioception import CAMERA_JOINTS
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ class TaskConfig:
             raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
         if self.camera_mount not in ("portrait", "landscape"):
             raise ValueError(f"task.camera_mount must be portrait or landscape, got {self.camera_mount!r}")
-        for joint, value in zip(CAMERA_JOINTS, self.camera_pose or (), strict=False):
+        for joint, value in zip(robot.CAMERA_JOINTS, self.camera_pose or (), strict=False):
             index = robot.JOINTS.index(joint)
             if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:
                 raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")

@@ -15,7 +15,6 @@ from spin_rl.tasks import episode, rewards
 from spin_rl.tasks.base import TaskEnv, with_camera_at
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.observations import NavObservations
-from spin_rl.tasks.proprioception import CAMERA_JOINTS
 from spin_rl.tasks.statistics import NavStatistics
 
 
@@ -55,7 +54,7 @@ class NavEnv(TaskEnv):
         camera_action = None
         if cfg.camera_pose is not None:
             camera_action = torch.tensor(
-                [robot.action_of(*pose) for pose in zip(CAMERA_JOINTS, cfg.camera_pose, strict=True)],
+                [robot.action_of(*pose) for pose in zip(robot.CAMERA_JOINTS, cfg.camera_pose, strict=True)],
                 device=device,
             )
         pool = PoolSpec() if scene is None else scene.pool

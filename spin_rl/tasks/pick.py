@@ -19,7 +19,6 @@ from spin_rl.tasks.pick_config import ANY_OBJECT, PickConfig
 from spin_rl.tasks.pick_observations import PickObservations
 from spin_rl.tasks.pick_rewards import PickTransition
 from spin_rl.tasks.pick_statistics import PickStatistics
-from spin_rl.tasks.proprioception import CAMERA_JOINTS
 
 
 class PickEnv(TaskEnv):
@@ -62,7 +61,9 @@ class PickEnv(TaskEnv):
         )
         self._scene_params = with_camera_at(cfg.scene, cfg.camera_pose)
         scales = rewards.check_scales(cfg.reward, pick_rewards.TERMS)
-        camera_action = None if cfg.camera_pose is None else torch.zeros(len(CAMERA_JOINTS), device=device)
+        camera_action = (
+            None if cfg.camera_pose is None else torch.zeros(len(robot.CAMERA_JOINTS), device=device)
+        )
         super().__init__(cfg, sim, seed, scales, pick_rewards.TERMS, camera_action)
         with wp.ScopedDevice(device):
             self._allocate(cfg)

@@ -18,8 +18,7 @@ PROPRIO: dict[str, int] = {
     "end_effector": 3,  # grasp centre in the base frame [m]
     "last_action": len(robot.ACTIONS),
 }
-CAMERA_JOINTS = ("head_pan", "head_tilt")
-CAMERA_ACTIONS = tuple(robot.ACTIONS.index(joint) for joint in CAMERA_JOINTS)
+CAMERA_ACTIONS = tuple(robot.ACTIONS.index(joint) for joint in robot.CAMERA_JOINTS)
 
 
 def camera_columns() -> dict[str, tuple[int, ...]]:
@@ -27,7 +26,7 @@ def camera_columns() -> dict[str, tuple[int, ...]]:
     columns, offset = [], 0
     for block, width in PROPRIO.items():
         names = {"joint_position": robot.JOINTS, "joint_velocity": robot.JOINTS, "last_action": robot.ACTIONS}
-        columns += [offset + names[block].index(joint) for joint in CAMERA_JOINTS if block in names]
+        columns += [offset + names[block].index(joint) for joint in robot.CAMERA_JOINTS if block in names]
         offset += width
     return {"proprio": tuple(columns)}
 
