@@ -28,9 +28,12 @@ def plot(out: Path, runs: dict[str, Path]) -> None:
     for name, run in runs.items():
         events = EventAccumulator(str(run), size_guidance={"scalars": 0})
         events.Reload()
-        steps = np.array([event.value for event in events.Scalars("Perf/env_steps")]) / 1e6
+        env_steps = {event.step: event.value / 1e6 for event in events.Scalars("Perf/env_steps")}
         for axis, (tag, title, smooth) in zip(axes, PANELS, strict=True):
-            values = np.array([event.value for event in events.Scalars(tag)])
+            # Not every iteration has all tags: in asynchronous runs some have no new episodes.
+            scalars = [event for event in events.Scalars(tag) if event.step in env_steps]
+            steps = np.array([env_steps[event.step] for event in scalars])
+            values = np.array([event.value for event in scalars])
             if smooth:
                 if len(runs) == 1:
                     axis.plot(steps, values, color="0.8", linewidth=0.6)
