@@ -1,4 +1,4 @@
-"""The reach benchmark of what a training has just made."""
+"""The benchmark of what a training has just made."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from spin_rl.benchmark import policies, report, settings
-from spin_rl.benchmark.reach import REACH_CELLS, evaluate_reach
-from spin_rl.tasks.build import env_config
+from spin_rl.benchmark import benchmarks, policies, report, settings
+from spin_rl.tasks.build import any_config
 
 
 def evaluate_run(
@@ -19,15 +18,16 @@ def evaluate_run(
     announce: Callable[[str], contextlib.AbstractContextManager] | None = None,
     overrides: Sequence[str] = (),
 ) -> Path:
-    """Evaluate the last checkpoint of a run, print the table and write `<run_dir>/reach.json`.
+    """Evaluate the last checkpoint of a run, print the table and write `<run_dir>/<benchmark>.json`.
 
-    The corridors and the noise of depth images are those of the training call, everything else is nominal.
+    The benchmark is that of the policy's task. Scenes and the noise of depth images are those of the training
+    call, everything else is nominal.
 
     Args:
         run_dir: Folder of a training run.
-        episodes: Episodes per cell and seed.
+        episodes: Episodes per seed, of the reach benchmark per cell and seed.
         device: "cpu" or "cuda:N".
-        seeds: Seeds of the corridors.
+        seeds: Seeds of the scenes.
         announce: Context in which the worlds are made, such as `common.announced`.
         overrides: Those of the training's command line.
 
@@ -35,17 +35,20 @@ def evaluate_run(
         The file.
     """
     make_policy, trained = policies.open_policy(str(run_dir))
+    task = trained.get("task", {}).get("name", "nav")
+    name = benchmarks.find(None, task)
+    benchmark = benchmarks.BENCHMARKS[name]
     conditions = settings.conditions(overrides)
-    cfg = settings.for_policy(settings.compose(conditions), trained, conditions)
-    print(f"Evaluating {run_dir} in {len(REACH_CELLS)} cells")
-    result = evaluate_reach(
-        make_policy, env_config(cfg), episodes, seeds, device, policy_name=str(run_dir), announce=announce
+    cfg = settings.for_policy(settings.compose([f"task={task}", *conditions]), trained, conditions)
+    print(f"Evaluating {run_dir}: {name}")
+    result = benchmark.evaluate(
+        make_policy, any_config(cfg), episodes, seeds, device, policy_name=str(run_dir), announce=announce
     )
-    label = settings.scene_label(conditions)
+    label = settings.scene_label(conditions, benchmark.scene)
     if label is not None:
         result["scene"] = label
-    print(report.table(result))
-    path = Path(run_dir) / "reach.json"
+    print(benchmark.table(result))
+    path = Path(run_dir) / f"{name}.json"
     report.write_json(result, path)
-    print(f"Wrote {path}: {report.headline(result)}")
+    print(f"Wrote {path}: {benchmark.headline(result)}")
     return path

@@ -13,8 +13,9 @@ import numpy as np
 
 from spin_rl.benchmark.camera_variants import Variant, check_pose
 from spin_rl.benchmark.hits import Hit, summarize_hits
-from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, Cell, run_cells
+from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, summarize
+from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
+from spin_rl.benchmark.rounds import SEED_OFFSET
 from spin_rl.benchmark.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.config import ConfigError
 from spin_rl.policy import Policy, PolicyFactory
@@ -37,7 +38,7 @@ class Measured:
     """
 
     variant: Variant
-    cells: list[Episodes]
+    cells: list[ReachEpisodes]
     motion: dict[str, CameraMotion] | None
     hits: list[Hit]
 
@@ -197,7 +198,7 @@ def describe(result: Measured, own: Measured, cells: Sequence[Cell], control_per
     }
 
 
-def paired_difference(own: Sequence[Episodes], other: Sequence[Episodes]) -> dict[str, Any]:
+def paired_difference(own: Sequence[ReachEpisodes], other: Sequence[ReachEpisodes]) -> dict[str, Any]:
     """Compare two variants corridor by corridor.
 
     The interval is that of Bonett and Price (2012) for paired proportions: Wald's with one corridor more won

@@ -13,7 +13,8 @@ import numpy as np
 from spin_rl.benchmark.camera import check_one_batch
 from spin_rl.benchmark.failure_watch import Failure, FailureWatch
 from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, SEED_OFFSET, run_cells
+from spin_rl.benchmark.reach import REACH_CELLS, run_cells
+from spin_rl.benchmark.rounds import SEED_OFFSET
 from spin_rl.benchmark.throughput import commit
 from spin_rl.policy import PolicyFactory
 from spin_rl.tasks.config import NavConfig

@@ -1,15 +1,16 @@
-"""From finished episodes to the figures of one benchmark cell."""
+"""From finished episodes to the figures of one row of a benchmark."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.tasks import episode
+from spin_rl.tasks import episode, pick_episode
 
 # Two-sided 95% quantile of the standard normal distribution.
 _Z95 = 1.959963984540054
@@ -39,37 +40,81 @@ def wilson_interval(successes: int, episodes: int) -> tuple[float, float]:
 
 @dataclass
 class Episodes:
-    """How episodes ended, one row each.
+    """How episodes of any task ended, one row each.
 
     Attributes:
-        outcome: Index into `episode.OUTCOMES`, shape (n,), int.
+        outcome: Index into the task's outcomes, such as `episode.OUTCOMES`, shape (n,), int.
         steps: Control steps until the end, shape (n,), int.
-        distance: Straight distance to the goal at the end [m], shape (n,).
-        parts: Which of `robot.PARTS` touched the scene at the last step, shape (n, 6), bool.
     """
 
     outcome: np.ndarray
     steps: np.ndarray
+
+    @staticmethod
+    def concatenate(groups: Sequence[Kind]) -> Kind:
+        """Join groups of episodes, such as those of several seeds."""
+        kind = type(groups[0])
+        names = [field.name for field in fields(kind)]
+        return kind(**{name: np.concatenate([getattr(group, name) for group in groups]) for name in names})
+
+    def select(self, rows: np.ndarray) -> Self:
+        """Return the episodes of an index or mask array."""
+        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+
+Kind = TypeVar("Kind", bound=Episodes)
+
+
+@dataclass
+class ReachEpisodes(Episodes):
+    """How episodes of the navigation task ended.
+
+    Attributes:
+        distance: Straight distance to the goal at the end [m], shape (n,).
+        parts: Which of `robot.PARTS` touched the scene at the last step, shape (n, 6), bool.
+    """
+
     distance: np.ndarray
     parts: np.ndarray
 
-    @staticmethod
-    def concatenate(groups: list[Episodes]) -> Episodes:
-        """Join groups of episodes, such as those of several seeds."""
-        return Episodes(
-            *(
-                np.concatenate([getattr(group, name) for group in groups])
-                for name in ("outcome", "steps", "distance", "parts")
-            )
-        )
 
-    def select(self, rows: np.ndarray) -> Episodes:
-        """Return the episodes of an index or mask array."""
-        return Episodes(self.outcome[rows], self.steps[rows], self.distance[rows], self.parts[rows])
+@dataclass
+class PickEpisodes(Episodes):
+    """How episodes of the pick task ended.
+
+    Attributes:
+        distance: From the grasp centre to the object at the end [m], shape (n,).
+    """
+
+    distance: np.ndarray
 
 
-def summarize(episodes: Episodes, control_period: float) -> dict[str, Any]:
-    """Compute a cell's figures.
+def _rates(episodes: Episodes, control_period: float) -> dict[str, Any]:
+    """Figures that every task has."""
+    count = len(episodes.outcome)
+    success = episodes.outcome == episode.SUCCESS
+    successes = int(success.sum())
+    duration = episodes.steps * control_period
+    return {
+        "success_rate": successes / count,
+        "ci95": list(wilson_interval(successes, count)),
+        "duration_s": float(duration[success].mean()) if successes else None,
+        "duration_all_s": float(duration.mean()),
+        "collision_rate": float((episodes.outcome == episode.COLLISION).mean()),
+        "timeout_rate": float((episodes.outcome == episode.TIMEOUT).mean()),
+        "non_finite": int((episodes.outcome == episode.NON_FINITE).sum()),
+        "episodes": count,
+    }
+
+
+def _shares_of_failures(episodes: Episodes, causes: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Share of the failed episodes with each cause, given as a mask."""
+    failures = max(int((episodes.outcome != episode.SUCCESS).sum()), 1)
+    return {name: int(mask.sum()) / failures for name, mask in causes.items()}
+
+
+def summarize(episodes: ReachEpisodes, control_period: float) -> dict[str, Any]:
+    """Compute the figures of one cell of the reach benchmark.
 
     Args:
         episodes: At least one finished episode.
@@ -77,32 +122,42 @@ def summarize(episodes: Episodes, control_period: float) -> dict[str, Any]:
 
     Returns:
         `success_rate`, `ci95` (Wilson), `duration_s` (mean over successful episodes [s], None without one),
-        `duration_all_s`, `collision_rate`, `timeout_rate`, `non_finite` (a count), `final_distance_m` (mean
-        over all), `episodes`, and `causes`: the share of the failed episodes in which each robot part
-        collided, or that ended by `timeout` or `non_finite`. Parts that touch at the same step all count, so
-        shares may sum to more than 1.
+        `duration_all_s`, `collision_rate`, `timeout_rate`, `non_finite` (a count), `episodes`,
+        `final_distance_m` (mean over all), and `causes`: the share of the failed episodes in which each robot
+        part collided, or that ended by `timeout` or `non_finite`. Parts that touch at the same step all
+        count, so shares may sum to more than 1.
     """
-    count = len(episodes.outcome)
-    success = episodes.outcome == episode.SUCCESS
     collision = episodes.outcome == episode.COLLISION
-    timeout = episodes.outcome == episode.TIMEOUT
-    non_finite = episodes.outcome == episode.NON_FINITE
-    successes = int(success.sum())
-    low, high = wilson_interval(successes, count)
-    failures = max(count - successes, 1)
-    touched = (episodes.parts & collision[:, None]).sum(0)
-    causes = {part: int(n) / failures for part, n in zip(robot.PARTS, touched, strict=True)}
-    causes |= {"timeout": int(timeout.sum()) / failures, "non_finite": int(non_finite.sum()) / failures}
-    duration = episodes.steps * control_period
-    return {
-        "success_rate": successes / count,
-        "ci95": [low, high],
-        "duration_s": float(duration[success].mean()) if successes else None,
-        "duration_all_s": float(duration.mean()),
-        "collision_rate": float(collision.mean()),
-        "timeout_rate": float(timeout.mean()),
-        "non_finite": int(non_finite.sum()),
+    causes = {part: episodes.parts[:, i] & collision for i, part in enumerate(robot.PARTS)}
+    causes["timeout"] = episodes.outcome == episode.TIMEOUT
+    causes["non_finite"] = episodes.outcome == episode.NON_FINITE
+    return _rates(episodes, control_period) | {
         "final_distance_m": float(episodes.distance.mean()),
-        "episodes": count,
-        "causes": causes,
+        "causes": _shares_of_failures(episodes, causes),
+    }
+
+
+def summarize_picks(episodes: PickEpisodes, control_period: float) -> dict[str, Any]:
+    """Compute the figures of one row of the pick benchmark.
+
+    Args:
+        episodes: At least one finished episode.
+        control_period: Duration of a control step [s].
+
+    Returns:
+        As `summarize`, with `dropped_rate`; `collision_rate` is that of hits of table, wall or box by another
+        part than the fingers. `causes` are `table hit`, `dropped`, `timeout` and `non_finite`, which sum to 1
+        where anything failed.
+    """
+    outcomes = {
+        "table hit": episode.COLLISION,
+        "dropped": pick_episode.DROPPED,
+        "timeout": episode.TIMEOUT,
+        "non_finite": episode.NON_FINITE,
+    }
+    causes = {name: episodes.outcome == outcome for name, outcome in outcomes.items()}
+    return _rates(episodes, control_period) | {
+        "dropped_rate": float(causes["dropped"].mean()),
+        "final_distance_m": float(episodes.distance.mean()),
+        "causes": _shares_of_failures(episodes, causes),
     }

@@ -1,4 +1,4 @@
-"""Figures of the SPIN paper (Uppal et al., CVPR 2024): Table 1 for the reach benchmark, and throughput."""
+"""Figures of the SPIN paper (Uppal et al., CVPR 2024): Table 1 for reach and pick, and throughput."""
 
 from __future__ import annotations
 
@@ -33,6 +33,15 @@ REACH: dict[str, dict[tuple[int, str], PaperCell]] = {
     "SPIN (CVO)": _row((1.00, 0.97, 0.93, 1.00, 1.00, 0.93), (6.24, 14.00, 23.57, 6.55, 15.81, 29.31)),
 }
 """Method -> (scenario, difficulty) -> figures."""
+
+PICK: dict[str, PaperCell] = {
+    "FixCam": PaperCell(0.86, 11.00),
+    "NoPointNet": PaperCell(0.93, 9.25),
+    "Mapping": PaperCell(0.97, 4.98),
+    "SPIN (DVO)": PaperCell(0.97, 9.24),
+    "SPIN (CVO)": PaperCell(0.97, 5.74),
+}
+"""Method -> figures of its pick column."""
 
 FRAMES_PER_S = {"scandots": 50_000.0, "depth": 820.0}
 """Simulated frames per second on one GPU, 8192 worlds with scandots, 256 with depth (supplement, "Directly

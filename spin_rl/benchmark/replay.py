@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from spin_rl.benchmark.reach import SEED_OFFSET, Cell
+from spin_rl.benchmark.reach import Cell
+from spin_rl.benchmark.rounds import SEED_OFFSET
 from spin_rl.scenes.kinds import DIFFICULTIES
 from spin_rl.scenes.layout import Scene
 from spin_rl.tasks.config import NavConfig

@@ -1,4 +1,4 @@
-"""Reports: the terminal table beside the paper's rows, and JSON."""
+"""Reports: the terminal table of the reach benchmark beside the paper's rows, what tables share, and JSON."""
 
 from __future__ import annotations
 
@@ -6,56 +6,72 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spin_rl.benchmark.paper import REACH
+from spin_rl.benchmark.paper import REACH, PaperCell
 from spin_rl.benchmark.settings import noise_label
 from spin_rl.runners.checkpoint import write_atomically
 
-_PAPER_ROWS = ("SPIN (CVO)", "FixCam")
+PAPER_ROWS = ("SPIN (CVO)", "FixCam")
 _MAX_CAUSES = 3
 
 
 def table(result: dict[str, Any]) -> str:
     """Format a result of `reach.evaluate_reach` for the terminal, with the paper's rows where it has them."""
-    seeds = ", ".join(str(seed) for seed in result["seeds"])
-    title = (
-        f"Reach: {result['policy']}, {result['rows'][0]['episodes']} episodes per cell (seeds {seeds}), "
-        f"robot {result['robot']}, camera {result['camera_mount']}{conditions_note(result)}"
-    )
+    heading = title("Reach", result, f"{result['rows'][0]['episodes']} episodes per cell")
     in_paper = "scene" not in result and all(
-        (row["scenario"], row["difficulty"]) in REACH[_PAPER_ROWS[0]] for row in result["rows"]
+        (row["scenario"], row["difficulty"]) in REACH[PAPER_ROWS[0]] for row in result["rows"]
     )
-    paper = _PAPER_ROWS if in_paper else ()
-    header = ["scenario", "", "success", "95%", "time", *paper, "failures by cause"]
-    body = [_line(row, paper) for row in result["rows"]]
+    columns = PAPER_ROWS if in_paper else ()
+    header = ["scenario", "", "success", "95%", "time", *columns, "failures by cause"]
+    body = []
+    for row in result["rows"]:
+        beside = [paper_figures(REACH[name][row["scenario"], row["difficulty"]]) for name in columns]
+        body.append([str(row["scenario"]), row["difficulty"], *figures(row), *beside, main_causes(row)])
+    return "\n".join([heading, *align([header, *body]), notes(result, in_paper)])
+
+
+def title(benchmark: str, result: dict[str, Any], episodes: str) -> str:
+    """First line of a table.
+
+    Args:
+        benchmark: Its name.
+        result: Result of any benchmark.
+        episodes: How many there were.
+    """
+    seeds = ", ".join(str(seed) for seed in result["seeds"])
+    pose = result.get("camera_pose")
+    camera = result["camera_mount"] + ("" if pose is None else f" frozen at pan {pose[0]}, tilt {pose[1]}")
+    return (
+        f"{benchmark}: {result['policy']}, {episodes} (seeds {seeds}), "
+        f"robot {result['robot']}, camera {camera}{conditions_note(result)}"
+    )
+
+
+def notes(result: dict[str, Any], in_paper: bool) -> str:
+    """Last lines of a table, with the paper's figures in it or not."""
     note = "time: mean of the successful episodes"
     if result.get("overflows"):
         note = f"WARNING: physics dropped contacts or constraints: {result['overflows']}\n{note}"
-    if paper:
-        note += "; paper (Table 1): success and mean episode time of 30 episodes"
-    return "\n".join([title, *align([header, *body]), note])
+    return note + ("; paper (Table 1): success and mean episode time of 30 episodes" if in_paper else "")
 
 
 def conditions_note(result: dict[str, Any]) -> str:
-    """End of a title: the noise of depth images where there are any, the corridors if not the benchmark's."""
+    """End of a title: the noise of depth images where there are any, the scenes if not the benchmark's."""
     depth = result.get("depth")
     note = "" if depth is None else f", depth noise {noise_label(depth['noise'])}"
     return note + (f", scene {result['scene']}" if "scene" in result else "")
 
 
-def _line(row: dict[str, Any], paper: tuple[str, ...]) -> list[str]:
+def figures(row: dict[str, Any]) -> list[str]:
+    """Success rate, its interval and the time of a row."""
     low, high = row["ci95"]
     duration = row["duration_s"]
-    cells = [
-        str(row["scenario"]),
-        row["difficulty"],
-        f"{row['success_rate']:.2f}",
-        f"{low:.2f}-{high:.2f}",
-        "-" if duration is None else f"{duration:.1f} s",
-    ]
-    for name in paper:
-        figures = REACH[name][row["scenario"], row["difficulty"]]
-        cells.append(f"{figures.success_rate:.2f} {figures.duration_s:4.1f} s")
-    return [*cells, main_causes(row)]
+    time = "-" if duration is None else f"{duration:.1f} s"
+    return [f"{row['success_rate']:.2f}", f"{low:.2f}-{high:.2f}", time]
+
+
+def paper_figures(cell: PaperCell) -> str:
+    """A cell of the paper's table."""
+    return f"{cell.success_rate:.2f} {cell.duration_s:4.1f} s"
 
 
 def main_causes(row: dict[str, Any]) -> str:

@@ -11,9 +11,9 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.config import TaskConfig
 
-# What of a training the benchmark that follows it takes over: its corridors and its camera's noise.
+# What of a training the benchmark that follows it takes over: its scenes and its camera's noise.
 _CONDITIONS = ("scene", "depth")
 
 
@@ -40,7 +40,7 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
     keys = ["robot.profile", "task.camera_mount", "task.camera_pose"]
-    for section in ("task.scandots", "task.depth", "depth.filter"):
+    for section in ("task.scandots", "task.sight", "task.manipulation", "task.depth", "depth.filter"):
         keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
     for key in keys:
         value = OmegaConf.select(source, key)
@@ -51,11 +51,11 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
 
 
 def conditions(overrides: Sequence[str]) -> list[str]:
-    """Pick the overrides of a training that say in which corridors and with which images to measure it."""
+    """Pick the overrides of a training that say in which scenes and with which images to measure it."""
     return [override for override in overrides if _group(override) in _CONDITIONS]
 
 
-def unused_depth(task: NavConfig, overridden: Sequence[str]) -> str | None:
+def unused_depth(task: TaskConfig, overridden: Sequence[str]) -> str | None:
     """Say that the user chose depth images which nothing reads; None where all is well.
 
     Args:
@@ -94,14 +94,15 @@ def _group(override: str) -> str:
     return override.lstrip("+~").partition("=")[0].partition(".")[0]
 
 
-def scene_label(overridden: Sequence[str]) -> str | None:
-    """Name the distribution of corridors, None for the benchmark's own.
+def scene_label(overridden: Sequence[str], own: str = "nav") -> str | None:
+    """Name the distribution of scenes, None for the benchmark's own.
 
     Args:
         overridden: Overrides of the command line; those of single values are part of the name.
+        own: Name of the benchmark's own.
     """
     asked = [override for override in overridden if _group(override) == "scene"]
     choices = [override.partition("=")[2] for override in asked if override.startswith("scene=")]
-    choice = choices[-1] if choices else "nav"
+    choice = choices[-1] if choices else own
     changes = [override for override in asked if not override.startswith("scene=")]
-    return None if choice == "nav" and not changes else ", ".join([choice, *changes])
+    return None if choice == own and not changes else ", ".join([choice, *changes])

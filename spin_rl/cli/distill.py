@@ -1,4 +1,4 @@
-"""spin-distill: turn a policy that sees scandots into one that sees depth."""
+"""spin-distill: turn a policy that sees scandots, or the object, into one that sees depth."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from spin_rl.benchmark import settings
-from spin_rl.cli import common, run_folder
+from spin_rl.cli import common, run_folder, task_choice
 from spin_rl.config import ConfigError
 from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.distill import DistillRunner, check_distillation
 from spin_rl.runners.distillation import student_config
 from spin_rl.runners.policy_file import read_policy
-from spin_rl.tasks.build import env_config, plain, with_depth
+from spin_rl.tasks import build
+from spin_rl.tasks.base import TaskEnv
+from spin_rl.tasks.build import any_config, observation_groups, plain, with_depth
 from spin_rl.tasks.config import NavConfig
-from spin_rl.tasks.observations import GROUPS, OPTIONAL_GROUPS
-
-if TYPE_CHECKING:
-    from spin_rl.tasks.nav import NavEnv
+from spin_rl.tasks.pick_config import PickConfig
 
 MODES = ("sync", "async")
 
 
 def main() -> None:
     """Entry point of the `spin-distill` command."""
-    sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available(), "distill_preset")
+    arguments = common.with_preset(sys.argv[1:], torch.cuda.is_available(), "distill_preset")
+    sys.argv[1:] = task_choice.with_task(arguments, "teacher")
     common.run("distill", distill)
 
 
@@ -45,7 +45,7 @@ def distill(cfg: DictConfig) -> None:
     compiled.
     """
     values = _configure(cfg)
-    task = env_config(values)
+    task = any_config(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
     seed = values["seed"]
@@ -68,17 +68,15 @@ def distill(cfg: DictConfig) -> None:
     run_folder.write_results(run_dir, summary, values, device)
 
 
-def make_env(task: NavConfig, num_envs: int, device: str, seed: int) -> NavEnv:
+def make_env(task: NavConfig | PickConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
     """Make the worlds, in whichever process they are wanted."""
-    from spin_rl.tasks.nav import NavEnv
-
     with common.announced(f"Starting {num_envs} worlds on {device}"):
-        return NavEnv(task, num_envs, device, seed=seed)
+        return build.make_env(task, num_envs, device, seed)
 
 
 def _make_runner(
     mode: str,
-    make: Callable[[], NavEnv],
+    make: Callable[[], TaskEnv],
     learning: dict[str, Any],
     run_dir: Path,
     device: str,
@@ -104,6 +102,8 @@ def _configure(cfg: DictConfig) -> dict[str, Any]:
     except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"teacher: {error}") from None
     values = plain(settings.for_policy(cfg, teacher["config"], HydraConfig.get().overrides.task))
+    task = values["task"]["name"]
+    task_choice.check_task(source, teacher["config"], task, "teacher")
     run_folder.check_call(values)
     if values["mode"] not in MODES:
         raise ConfigError(f"mode: expected one of {', '.join(MODES)}, got {values['mode']!r}")
@@ -111,7 +111,7 @@ def _configure(cfg: DictConfig) -> dict[str, Any]:
         raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
     runner = dict(values["runner"])
     runner |= student_config(teacher, runner.pop("depth_encoder"))
-    check_distillation(runner, dict.fromkeys(GROUPS + OPTIONAL_GROUPS), values["num_envs"])
+    check_distillation(runner, dict.fromkeys(observation_groups(task)), values["num_envs"])
     return with_depth(values | {"runner": runner})
 
 

@@ -12,11 +12,12 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from spin_rl.benchmark import benchmarks
 from spin_rl.cli import common
+from spin_rl.cli.task_choice import check_task, with_task
 from spin_rl.config import ConfigError
-from spin_rl.tasks.build import env_config, plain
+from spin_rl.tasks.build import any_config, plain
 
-BENCHMARKS = ("reach",)
 ANALYSES = ("camera", "failures")
 # The analysis of the camera runs the benchmark a dozen times.
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
@@ -26,7 +27,7 @@ _TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "baseline")
 
 def main() -> None:
     """Entry point of the `spin-eval` command."""
-    sys.argv[1:] = [common.scene_file_argument(argument) for argument in sys.argv[1:]]
+    sys.argv[1:] = with_task([common.scene_file_argument(argument) for argument in sys.argv[1:]])
     common.run("eval", evaluate)
 
 
@@ -37,8 +38,10 @@ def evaluate(cfg: DictConfig) -> None:
     out = _check(values)
     from spin_rl.benchmark import camera_report, failures_report, policies, report, settings
 
+    benchmark = benchmarks.BENCHMARKS[values["benchmark"]]
     make_policy, trained = policies.open_policy(values["policy"])
-    task = env_config(settings.for_policy(cfg, trained, overridden))
+    check_task(values["policy"], trained, benchmark.task)
+    task = any_config(settings.for_policy(cfg, trained, overridden))
     mistake = settings.unused_depth(task, overridden)
     if mistake is not None:
         raise ConfigError(mistake)
@@ -47,8 +50,8 @@ def evaluate(cfg: DictConfig) -> None:
     elif values["analysis"] == "failures":
         writer, result = failures_report, _analyse_failures(values, make_policy, task, overridden)
     else:
-        writer, result = report, _reach(values, make_policy, task)
-    label = settings.scene_label(overridden)
+        writer, result = benchmark, _measure(benchmark, values, make_policy, task)
+    label = settings.scene_label(overridden, benchmark.scene)
     if label is not None and values["scene_file"] is None:
         result["scene"] = label
     headline = writer.headline(result)
@@ -59,15 +62,16 @@ def evaluate(cfg: DictConfig) -> None:
         report.write_json(result, out)
         print(f"Wrote {out}: {headline}")
     if values["plot"] is not None:
-        assert writer is not report  # checked: only an analysis draws
+        assert not isinstance(writer, benchmarks.Benchmark)  # checked: only an analysis draws
         writer.plot(result, Path(values["plot"]))
         print(f"Wrote {values['plot']}")
 
 
-def _reach(values: dict[str, Any], make_policy: Any, task: Any) -> dict[str, Any]:
-    from spin_rl.benchmark import reach
-
-    return reach.evaluate_reach(
+def _measure(
+    benchmark: benchmarks.Benchmark, values: dict[str, Any], make_policy: Any, task: Any
+) -> dict[str, Any]:
+    scene = common.load_scene_file(values["scene_file"])
+    return benchmark.evaluate(
         make_policy,
         task,
         values["episodes"],
@@ -75,9 +79,8 @@ def _reach(values: dict[str, Any], make_policy: Any, task: Any) -> dict[str, Any
         common.resolve_device(values["device"]),
         policy_name=values["policy"],
         num_envs=values["num_envs"],
-        scene=common.load_scene_file(values["scene_file"]),
-        scene_name=Path(values["scene_file"] or "").name,
         announce=common.announced,
+        **({} if scene is None else {"scene": scene, "scene_name": Path(values["scene_file"]).name}),
     )
 
 
@@ -123,9 +126,12 @@ def _analyse_failures(
 
 
 def _check(values: dict[str, Any]) -> Path | None:
-    """Reject what needs no simulator to reject; return the file to write."""
-    if values["benchmark"] not in BENCHMARKS:
-        raise ConfigError(f"benchmark: unknown {values['benchmark']!r}; choose from {', '.join(BENCHMARKS)}")
+    """Reject what needs no simulator to reject, choose the benchmark, and return the file to write."""
+    values["benchmark"] = benchmarks.find(values["benchmark"], values["task"]["name"])
+    if values["benchmark"] != "reach":
+        for key in ("scene_file", "analysis"):
+            if values[key] is not None:
+                raise ConfigError(f"{key.removesuffix('_file')}: {values[key]} needs benchmark=reach")
     if not isinstance(values["policy"], str):
         raise ConfigError("policy: give a name, checkpoint, run directory, .safetensors file, zero or random")
     for key in ("episodes", "num_envs"):
@@ -135,7 +141,7 @@ def _check(values: dict[str, Any]) -> Path | None:
     if not isinstance(seeds, list) or any(type(seed) is not int for seed in seeds):
         raise ConfigError(f"seeds: expected a list of whole numbers such as [0,1,2], got {seeds!r}")
     _check_analysis(values)
-    return common.output_file(values["out"], "reach.json")
+    return common.output_file(values["out"], f"{values['benchmark']}.json")
 
 
 def _check_analysis(values: dict[str, Any]) -> None:

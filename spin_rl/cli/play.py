@@ -12,10 +12,12 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from spin_rl.cli import common
+from spin_rl.cli.task_choice import check_task, trained_task, with_task
 from spin_rl.config import ConfigError
 from spin_rl.paths import POLICY_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
-from spin_rl.tasks.build import env_config, plain
+from spin_rl.tasks.build import any_config, make_env, plain
+from spin_rl.tasks.config import NavConfig
 
 VIEWERS = ("viser", "native", "none")
 # To find a world's corridor, all before it are drawn as well.
@@ -24,7 +26,7 @@ _MOST_WORLDS = 20_000
 
 def main() -> None:
     """Entry point of the `spin-play` command."""
-    sys.argv[1:] = [common.scene_file_argument(argument) for argument in sys.argv[1:]]
+    sys.argv[1:] = with_task([common.scene_file_argument(argument) for argument in sys.argv[1:]])
     common.run("play", play)
 
 
@@ -83,7 +85,7 @@ def play(cfg: DictConfig) -> None:
     elif options.viewer == "viser":
         from spin_rl.viewer.browser import Browser
 
-        names = [file.stem for file in sorted(POLICY_DIR.glob("*.safetensors"))]
+        names = _shipped(values["task"]["name"])
         with Browser(options.host, options.port) as browser:
             browser.run(
                 lambda name: players.open(name, options.worlds),
@@ -93,9 +95,18 @@ def play(cfg: DictConfig) -> None:
             )
 
 
+def _shipped(task: str) -> list[str]:
+    """Names of the shipped policies of a task."""
+    from spin_rl.benchmark.policies import open_policy
+
+    names = [file.stem for file in sorted(POLICY_DIR.glob("*.safetensors"))]
+    return [name for name in names if trained_task(open_policy(name)[1]) == task]
+
+
 def _record(players: Players, options: Options) -> None:
     """Play the episodes once, for the video and the plots alike."""
     from spin_rl.viewer import plots
+    from spin_rl.viewer.labels import cell_label, progress_label
     from spin_rl.viewer.video import open_video, record
     from spin_rl.viewer.video import play as play_episodes
 
@@ -104,21 +115,21 @@ def _record(players: Players, options: Options) -> None:
         episodes = [list(episode) for episode in play_episodes(player, options.episodes)]
     else:
         from spin_rl.viewer.picture import PictureMaker
-        from spin_rl.viewer.stage import Stage
+        from spin_rl.viewer.stage import stage_of
 
-        env = player.env
-        stage = Stage(env.sim.layout.pool, env.cfg.camera_mount)
-        period = env.cfg.sim.control_period
-        maker = PictureMaker(stage, Path(options.policy).stem, period, options.samples)
+        period = player.env.cfg.sim.control_period
+        maker = PictureMaker(stage_of(player), Path(options.policy).stem, period, options.samples)
         with common.announced(f"Preparing pictures for {options.video}"):
             maker.draw(player.snapshots[0])
         with open_video(options.video, fps=1.0 / period) as append:
             episodes = record(player, options.episodes, maker.draw, append)
     for i, episode in enumerate(episodes):
         last = episode[-1]
-        print(f"  episode {i + 1}: {last.outcome} after {last.time:.1f} s, {last.goal_distance:.2f} m to go")
+        what = f"{progress_label(last)}, {cell_label(last)}"
+        print(f"  episode {i + 1}: {last.outcome} after {last.time:.1f} s, {what}")
     reached = sum(episode[-1].outcome == "success" for episode in episodes)
-    summary = f"{reached} of {len(episodes)} episodes reached the goal"
+    aim = "reached the goal" if player.snapshots[0].target is None else "held the object up"
+    summary = f"{reached} of {len(episodes)} episodes {aim}"
     if options.video is not None:
         print(f"Wrote {options.video}: {summary}")
     if options.plots is not None:
@@ -151,32 +162,40 @@ class Players:
             ConfigError: There is no such policy, or the scene does not fit it.
         """
         from spin_rl.benchmark import policies, settings
-        from spin_rl.benchmark.reach import Cell, in_usual_pool
-        from spin_rl.benchmark.replay import benchmark_scene
-        from spin_rl.tasks.nav import NavEnv
         from spin_rl.viewer.rollout import Player
 
         options = self._options
         make_policy, trained = policies.open_policy(policy)
-        task = env_config(settings.for_policy(self._cfg, trained, self._overrides))
+        check_task(policy, trained, self._cfg.task.name)
+        task = any_config(settings.for_policy(self._cfg, trained, self._overrides))
         idle = settings.unused_depth(task, self._overrides)
         if idle is not None:  # no error: the browser's menu has other policies
             print(f"warning: {idle}", file=sys.stderr)
         key = f"{worlds} {task}"
         if key not in self._envs:
-            scene = common.load_scene_file(options.scene_file)
             self._envs.clear()  # one environment at a time is enough
             with common.announced(f"Starting {worlds} world{'s' if worlds > 1 else ''} on {options.device}"):
-                if options.world is not None:
-                    cell = Cell(options.scenario, DIFFICULTIES[options.difficulty])
-                    scene = benchmark_scene(task, cell, options.seed, options.world, options.device)
-                self._envs[key] = NavEnv(
-                    task, worlds, options.device, options.seed, scene=in_usual_pool(scene) if scene else None
-                )
+                self._envs[key] = self._start(task, worlds)
         env = self._envs[key]
         player = Player(env, make_policy(env.get_observations(), options.device))
         player.start(options.scenario, options.difficulty, seed=options.seed)
         return player
+
+    def _start(self, task: Any, worlds: int) -> Any:
+        """Start the worlds of a task; corridors may be a scene file's, or one of the benchmark's."""
+        from spin_rl.benchmark.reach import Cell, in_usual_pool
+        from spin_rl.benchmark.replay import benchmark_scene
+        from spin_rl.tasks.nav import NavEnv
+
+        options = self._options
+        if not isinstance(task, NavConfig):
+            return make_env(task, worlds, options.device, options.seed)
+        scene = common.load_scene_file(options.scene_file)
+        if options.world is not None:
+            cell = Cell(options.scenario, DIFFICULTIES[options.difficulty])
+            scene = benchmark_scene(task, cell, options.seed, options.world, options.device)
+        fixed = None if scene is None else in_usual_pool(scene)
+        return NavEnv(task, worlds, options.device, options.seed, scene=fixed)
 
 
 def check(values: dict[str, Any]) -> Options:
@@ -209,6 +228,9 @@ def check(values: dict[str, Any]) -> Options:
     for key in ("video", "plots", "scene_file", "viewer"):
         if values[key] is not None and not isinstance(values[key], str):
             raise ConfigError(f"{key}: expected a name, got {values[key]!r}")
+    for key in ("world", "scene_file"):
+        if values["task"]["name"] != "nav" and values[key] is not None:
+            raise ConfigError(f"{key.removesuffix('_file')}: {values[key]} needs a policy of task=nav")
     video = None if values["video"] is None else Path(values["video"])
     plots = None if values["plots"] is None else Path(values["plots"])
     viewer = values["viewer"] or ("none" if video or plots else "viser")

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spin_rl.benchmark.report import table
+from spin_rl.benchmark.benchmarks import BENCHMARKS
 from spin_rl.benchmark.throughput import hardware
 from spin_rl.paths import POLICY_DIR
 from spin_rl.runners.checkpoint import write_atomically
@@ -41,6 +41,8 @@ def _card(
     name: str, note: str, facts: dict[str, Any], summary: dict[str, Any], report: dict[str, Any]
 ) -> str:
     """Compose the model card."""
+    seeds = ",".join(str(seed) for seed in report["seeds"])
+    table = BENCHMARKS[report["benchmark"]].table(report | {"policy": name})
     return f"""# {name}
 
 {note}
@@ -54,11 +56,11 @@ def _card(
 | Seed | {facts["seed"]} |
 | Success in training at the end | {summary["success_rate"]:.2f} |
 
-Measured with `spin-eval policy={name} benchmark={report["benchmark"]} seeds={report["seeds"]}`
-({report["rows"][0]["episodes"]} episodes a cell, deterministic actions):
+Measured with `spin-eval policy={name} benchmark={report["benchmark"]} \
+episodes={report["episodes_per_seed"]} seeds=[{seeds}]` (deterministic actions):
 
 ```
-{table(report | {"policy": name})}
+{table}
 ```
 """
 

@@ -30,7 +30,7 @@ def train(cfg: DictConfig) -> None:
     """Run one training to its limit of iterations or minutes and write its summary.
 
     Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also
-    the reach benchmark of the result. Bad settings are found before anything is written or compiled.
+    the result's benchmark. Bad settings are found before anything is written or compiled.
     """
     from spin_rl.runners.ppo import PPORunner
 
@@ -74,8 +74,6 @@ def _check(values: dict[str, Any]) -> None:
     _check_sources(values)
     task = values["task"]["name"]
     check_config(values["runner"], dict.fromkeys(observation_groups(task)), values["num_envs"])
-    if values["evaluate"] and task != "nav":
-        raise ConfigError("evaluate: training can be followed by the benchmark of task=nav only")
 
 
 def _check_sources(values: dict[str, Any]) -> None:

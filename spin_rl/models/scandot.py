@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from spin_rl.models.depth_encoder import make_depth_encoder
+from spin_rl.models.groups import is_depth, is_encoded
 from spin_rl.models.lstm import LSTMState, ResettableLSTM
 from spin_rl.models.pointnet import TOKEN_DIM, make_scandot_encoder, token_mlp
 
@@ -84,6 +86,14 @@ class ScandotModel(MLPModel):
             else:
                 encoders[group] = make_scandot_encoder(encoder, group, size, encoder_hidden, scandot_latent)
         self.encoders = nn.ModuleDict(encoders)
+
+    @property
+    def blocks(self) -> dict[str, slice]:
+        """Columns of each group, normalized or encoded, in what `encode` returns."""
+        sizes: dict[str, int] = {**self.flat_dims}
+        sizes |= {group: encoder.latent for group, encoder in self.encoders.items()}  # type: ignore
+        ends = itertools.accumulate(sizes.values())
+        return {group: slice(end - size, end) for (group, size), end in zip(sizes.items(), ends, strict=True)}
 
     def forward(
         self,
@@ -274,13 +284,3 @@ class ScandotRecurrentModel(ScandotModel):
 
     def _get_latent_dim(self) -> int:
         return self.rnn_hidden_dim + (self.obs_dim + self.num_latents if self.skip else 0)
-
-
-def is_depth(group: str) -> bool:
-    """Tell whether a group is of depth images."""
-    return group.startswith("depth")
-
-
-def is_encoded(group: str) -> bool:
-    """Tell whether a model has an encoder for a group, instead of a normalizer."""
-    return group.startswith("scandots") or is_depth(group)

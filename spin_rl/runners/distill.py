@@ -1,4 +1,4 @@
-"""The training of phase 2: a student that sees depth learns from a teacher that sees scandots."""
+"""The training of phase 2: a student that sees depth learns from a teacher that does not."""
 
 from __future__ import annotations
 

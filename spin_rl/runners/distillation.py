@@ -1,4 +1,4 @@
-"""Distillation of a policy that sees scandots into one that sees depth, on sequences.
+"""Distillation of a policy that sees scandots or the object into one that sees depth, on sequences.
 
 Source: SPIN section 2.2 (L2 on the actions of phase 1, DAgger, student initialized from its teacher) and
 supplement, asynchronous DAgger training (the actor is frozen at first).
@@ -18,7 +18,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.scandot import is_depth, is_encoded
+from spin_rl.models.groups import is_encoded, replaceable_group
 from spin_rl.runners.algorithm import MAX_LOST_UPDATES
 from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.dvo import action_error
@@ -69,7 +69,8 @@ class Distillation(rsl_rl.algorithms.Distillation):
             num_learning_epochs: Passes over a rollout.
             num_mini_batches: Parts of a rollout, split by environment.
             freeze_iterations: Iterations in which only the encoder learns.
-            latent_loss: Weight of the mean squared difference between the latents of both, beyond the paper.
+            latent_loss: Weight of the mean squared difference between the student's latent and what it
+                stands for, beyond the paper.
             learning_rate: Of Adam, at the start.
             min_learning_rate: At the end of the "linear" schedule.
             schedule: "fixed", or "linear" over the run.
@@ -267,7 +268,9 @@ def build_student(obs: TensorDict, cfg: Mapping[str, Any], num_actions: int) -> 
 
 
 def student_config(teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe the student of a teacher: the same model with an image in place of scandots.
+    """Describe the student of a teacher: the same model with an image in place of what the teacher sees.
+
+    The latent is as wide as what it stands for, the latent of scandots or the object's columns.
 
     Args:
         teacher: Metadata of the teacher's policy.
@@ -277,13 +280,15 @@ def student_config(teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any])
         Sections `actor` and `obs_groups` of a runner's configuration.
 
     Raises:
-        ValueError: The teacher reads no scandots, or images already.
+        ValueError: The teacher reads nothing that an image could replace, or images already.
     """
     groups: list[str] = teacher["obs_groups"]
-    scandots = [group for group in groups if is_encoded(group)]
-    if len(scandots) != 1 or is_depth(scandots[0]):
-        raise ValueError(f"teacher: it reads {', '.join(groups)}; a teacher reads one group of scandots.")
+    try:
+        seen = replaceable_group(groups)
+    except ValueError as error:
+        raise ValueError(f"teacher: {error}") from None
+    latent = {} if is_encoded(seen) else {"scandot_latent": teacher["obs_dims"][seen]}
     return {
-        "actor": dict(teacher["actor"]) | {"depth_encoder": dict(depth_encoder)},
-        "obs_groups": {"actor": ["depth" if group == scandots[0] else group for group in groups]},
+        "actor": dict(teacher["actor"]) | latent | {"depth_encoder": dict(depth_encoder)},
+        "obs_groups": {"actor": ["depth" if group == seen else group for group in groups]},
     }

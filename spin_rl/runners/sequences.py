@@ -9,6 +9,7 @@ import torch
 from tensordict import TensorDict
 
 from spin_rl.models import LSTMState, ScandotModel
+from spin_rl.models.groups import replaceable_group
 
 
 @dataclass
@@ -19,7 +20,8 @@ class Sequences:
         observations: What the student sees, by group; images as 8-bit numbers.
         resets: Whether an episode starts at this step, after the first one.
         targets: The teacher's actions in [-1, 1], shape (num_steps, num_envs, num_actions).
-        latents: The teacher's latent of what it sees, shape (num_steps, num_envs, size).
+        latents: The teacher's latent of what it sees, or its normalized `object`, shape (num_steps, num_envs,
+            size).
         state: The student's state before the first step, None of one without memory.
     """
 
@@ -123,6 +125,7 @@ class Recorder:
         """
         self.student = student
         self.teacher = teacher
+        self._seen = teacher.blocks[replaceable_group(teacher.blocks)]
         self.begin(sequences)
 
     def begin(self, sequences: Sequences) -> None:
@@ -139,7 +142,7 @@ class Recorder:
         for name, buffer in record.observations.items():
             buffer[step].copy_(obs[name])
         x = self.teacher.encode(obs)
-        record.latents[step].copy_(x[..., -self.teacher.num_latents :])
+        record.latents[step].copy_(x[..., self._seen])
         record.targets[step].copy_(mean_actions(self.teacher, self.teacher.decode(x)).clamp(-1.0, 1.0))
         return self.student(obs)
 

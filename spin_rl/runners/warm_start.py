@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.scandot import is_depth
+from spin_rl.models.groups import is_depth, is_seen
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.interface import Camera
@@ -29,7 +29,8 @@ def warm_start(
     The actor then acts as the source does wherever both see the same, except that a camera which the
     source never moved starts at action zero, and its pose without effect. Inputs are matched by group:
     `scandots_all` of the source becomes `scandots` where the new actor reads only these, and the other way
-    round; where it reads `depth` instead, the latent of a new encoder takes the place of the source's.
+    round; where it reads `depth` instead, the latent of a new encoder takes the place of the source's, or of
+    its `object`.
     Camera actions keep their configured standard deviation, the others take the source's.
 
     Args:
@@ -134,10 +135,10 @@ def copy_model(
 
 
 def _match_scandots(target: ScandotModel, source: ScandotModel) -> dict[str, str]:
-    """Pair the encoded groups of the target with those of the source."""
-    own, other = set(target.encoders), set(source.encoders)
+    """Pair the encoded groups of the target with those of the source, or with a flat one that it sees."""
+    own, other = set(target.encoders), {name for name in source.blocks if is_seen(name)}
     pairs = {name: name for name in own & other}
-    left = sorted(other - own)
+    left = sorted(other - set(target.blocks))
     free = sorted(own - other)
     if left and not len(left) == len(free) == 1:
         raise ValueError(f"it reads {left[0]}, which has no counterpart among {_names(own)}")
@@ -148,20 +149,20 @@ def _match_inputs(
     target: ScandotModel, source: ScandotModel, scandots: dict[str, str], dropped: set[int]
 ) -> tuple[Columns, list[str]]:
     """Pair the columns of what `encode` returns, and describe them."""
-    own, other = _blocks(target), _blocks(source)
+    own, other = target.blocks, source.blocks
     columns: Columns = ([], [])
     notes = []
-    for name, (start, size) in own.items():
+    for name, block in own.items():
         origin = scandots.get(name, name)
         if origin not in other:
             notes.append(f"new {name}")
             continue
-        other_start, other_size = other[origin]
+        size, other_size = block.stop - block.start, other[origin].stop - other[origin].start
         if other_size > size:
             raise ValueError(f"its {origin} has {other_size} columns, the new one's {name} {size}")
-        kept = [i for i in range(other_size) if other_start + i not in dropped]
-        columns[0].extend(start + i for i in kept)
-        columns[1].extend(other_start + i for i in kept)
+        kept = [i for i in range(other_size) if other[origin].start + i not in dropped]
+        columns[0].extend(block.start + i for i in kept)
+        columns[1].extend(other[origin].start + i for i in kept)
         notes.append(name if origin == name else f"{origin} as {name}")
         if len(kept) < size:
             notes[-1] += f" ({len(kept)} of {size} columns)"
@@ -169,16 +170,6 @@ def _match_inputs(
     if missing:
         raise ValueError(f"it reads {_names(missing)}, which the new one does not")
     return columns, notes
-
-
-def _blocks(model: ScandotModel) -> dict[str, tuple[int, int]]:
-    """Start and size of each group in what `encode` returns."""
-    latents = {name: encoder.latent for name, encoder in model.encoders.items()}
-    blocks, start = {}, 0
-    for name, size in (model.flat_dims | latents).items():
-        blocks[name] = (start, size)  # type: ignore
-        start += size  # type: ignore
-    return blocks
 
 
 def _check(target: ScandotModel, source: ScandotModel) -> None:

@@ -28,7 +28,8 @@ _MAST = wp.constant(wp.vec2(-0.067, 0.135))
 _TOP = wp.constant(1.42)
 _HALF_PI = wp.constant(1.5707964)
 
-_NUM_BASE = wp.constant(16)
+NUM_BASE = wp.constant(16)
+"""The first discs of the robot's model are the outline of the base."""
 _NUM_LIFT = wp.constant(6)
 _NUM_ARM = wp.constant(6)
 _NUM_GRIPPER = wp.constant(4)
@@ -60,7 +61,7 @@ def _disc(x: float, y: float, radius: float, low: float, high: float) -> Disc:
 def robot_disc(i: int, joints: vec8) -> Disc:
     """Disc i of the robot's model, in the base frame, for joints in `robot.JOINTS` order."""
     k = i
-    if k < _NUM_BASE:
+    if k < NUM_BASE:
         # Four points on each side of the base box, counter-clockwise from the rear right corner.
         edge = k // 4
         f = float(k % 4) / 4.0
@@ -76,7 +77,7 @@ def robot_disc(i: int, joints: vec8) -> Disc:
             x = _BASE_REAR
             y = wp.lerp(_BASE_SIDE, -_BASE_SIDE, f)
         return _disc(x, y, 0.0, 0.0, _BASE_TOP)
-    k -= _NUM_BASE
+    k -= NUM_BASE
     if k == 0:
         return _disc(_MAST[0], _MAST[1], 0.05, 0.0, _TOP)
     if k == 1:
@@ -111,7 +112,7 @@ def robot_disc(i: int, joints: vec8) -> Disc:
 
 
 @wp.func
-def _disc_touches(
+def disc_touches(
     disc: Disc,
     x: float,
     y: float,
@@ -153,7 +154,7 @@ def pose_is_clear(
         y = pose[1] + s * disc.centre[0] + c * disc.centre[1]
         for slot in range(slots.pos.shape[1]):
             if slots.active[world, slot]:
-                if _disc_touches(
+                if disc_touches(
                     disc,
                     x,
                     y,

@@ -102,6 +102,26 @@ def _require_pool(pool: PoolSpec) -> None:
 
 
 @wp.func
+def size_of(kind: int, factor: float) -> wp.vec3:
+    """Half extents of a kind of object, times a factor [m]."""
+    return factor * wp.vec3(_HALF[kind, 0], _HALF[kind, 1], _HALF[kind, 2])
+
+
+@wp.func
+def mass_of(kind: int, factor: float) -> float:
+    """Mass of a kind of object, times a factor [kg]."""
+    return _MASS[kind] * factor  # pyright: ignore[reportReturnType]
+
+
+@wp.func
+def radius_of(kind: int, half: wp.vec3) -> float:
+    """Radius of the upright cylinder around an object, whichever way it is turned [m]."""
+    if SHAPE_OF_KIND[kind] == CYLINDER:
+        return half[0]  # pyright: ignore[reportReturnType]
+    return wp.length(wp.vec2(half[0], half[1]))
+
+
+@wp.func
 def _put_surroundings(
     world: int, first_box: int, boxes: int, back: float, p: TabletopStruct, state: wp.uint32, slots: Slots
 ) -> None:
@@ -165,16 +185,14 @@ def _generate_tabletops(
     kind = wp.min(int(float(_NUM_KINDS) * wp.randf(state)), _NUM_KINDS - 1)
     if kind_choice[world] >= 0:
         kind = kind_choice[world]
-    half = between(p.size_factor, wp.randf(state)) * wp.vec3(_HALF[kind, 0], _HALF[kind, 1], _HALF[kind, 2])
-    radius = wp.length(wp.vec2(half[0], half[1]))
-    if SHAPE_OF_KIND[kind] == CYLINDER:
-        radius = half[0]
+    half = size_of(kind, between(p.size_factor, wp.randf(state)))
+    radius = radius_of(kind, half)
     top = between(p.table_top, wp.randf(state))
     distance = between(p.object_distance, wp.randf(state))
     target = wp.vec3(_HAND_X, -distance, top + half[2])
     obj.kind[world] = kind
     obj.half_extents[world] = half
-    obj.mass[world] = _MASS[kind] * between(p.mass_factor, wp.randf(state))
+    obj.mass[world] = mass_of(kind, between(p.mass_factor, wp.randf(state)))
     obj.friction[world] = between(p.friction, wp.randf(state))
     obj.start_pose[world] = wp.vec4(target[0], target[1], target[2], either_way(wp.pi, wp.randf(state)))
     goal_out[world] = wp.vec2(target[0], target[1])

@@ -61,7 +61,7 @@ def either_way(most: float, u: float) -> float:
 
 
 @wp.func
-def _lift_of(grasp_z: float, down: float) -> float:
+def lift_of(grasp_z: float, down: float) -> float:
     """Lift that puts the grasp centre at a height, for a gripper pitched down by an angle."""
     return grasp_z - _PITCH_Z + _AHEAD * wp.sin(down) + _BELOW * wp.cos(down)
 
@@ -100,7 +100,7 @@ def far_start(
     lift_min = wp.clamp(lift_min, 0.0, _LIFT_MAX)
     anywhere = wp.randf(state) < 0.5 * level
     u = wp.randf(state)
-    lift = _lift_of(target[2] + between(p.start_above, u), down)
+    lift = lift_of(target[2] + between(p.start_above, u), down)
     if anywhere:
         lift = wp.lerp(lift_min, _LIFT_MAX, u)
     s.joints[0] = wp.clamp(lift, lift_min, _LIFT_MAX)
@@ -123,7 +123,7 @@ def near_start(p: TabletopStruct, state: wp.uint32, target: wp.vec3, radius: flo
     grasp_z = wp.max(target[2], top + _PADS_HALF_HEIGHT) + between(p.near_above, wp.randf(state))
     short = wp.max(between(p.near_distance, wp.randf(state)), radius - _PALM_FRONT)
     distance = -target[1]
-    s.joints[0] = wp.clamp(_lift_of(grasp_z, down), 0.0, _LIFT_MAX)
+    s.joints[0] = wp.clamp(lift_of(grasp_z, down), 0.0, _LIFT_MAX)
     s.joints[1] = wp.clamp(distance - short + _PITCH_Y - _ahead_of(down), 0.0, _ARM_MAX)
     s.joints[3] = -down
     s.joints[5] = p.near_finger
@@ -135,17 +135,24 @@ def near_start(p: TabletopStruct, state: wp.uint32, target: wp.vec3, radius: flo
 
 
 @wp.func
-def look_at(p: TabletopStruct, state: wp.uint32, target: wp.vec3, start: Start) -> Start:
-    """The same start with the head turned somewhere about a target."""
-    c = wp.cos(start.base[2])
-    s = wp.sin(start.base[2])
-    dx = target[0] - start.base[0]
-    dy = target[1] - start.base[1]
+def head_towards(base: wp.vec3, target: wp.vec3) -> wp.vec2:
+    """Head pan, in [-pi, pi], and tilt that look at a target from a base pose (x, y, yaw) [rad]."""
+    c = wp.cos(base[2])
+    s = wp.sin(base[2])
+    dx = target[0] - base[0]
+    dy = target[1] - base[1]
     ahead = c * dx + s * dy - _HEAD_X
     left = c * dy - s * dx
     down = wp.atan2(_HEAD_Z - target[2], wp.sqrt(ahead * ahead + left * left))
-    pan = wp.atan2(left, ahead) + either_way(p.look_pan, wp.randf(state))
-    tilt = either_way(p.look_tilt, wp.randf(state)) - down
+    return wp.vec2(wp.atan2(left, ahead), -down)
+
+
+@wp.func
+def look_at(p: TabletopStruct, state: wp.uint32, target: wp.vec3, start: Start) -> Start:
+    """The same start with the head turned somewhere about a target."""
+    centre = head_towards(start.base, target)
+    pan = centre[0] + either_way(p.look_pan, wp.randf(state))
+    tilt = either_way(p.look_tilt, wp.randf(state)) + centre[1]
     start.joints[6] = wp.clamp(pan, p.start_head_pan[0], p.start_head_pan[1])
     start.joints[7] = wp.clamp(tilt, p.start_head_tilt[0], p.start_head_tilt[1])
     return start

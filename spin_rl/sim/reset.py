@@ -3,6 +3,7 @@
 import warp as wp
 
 from spin_rl.sim.drive import DriveLimits
+from spin_rl.sim.targets import action_for
 
 
 @wp.kernel
@@ -37,12 +38,9 @@ def _set_start_state(
     action_out[w, 1] = 0.0
     for joint in range(start_joints.shape[1]):
         target_out[w, joint] = start_joints[w, joint]
-        offset = start_joints[w, joint] - joint_default[joint]
-        if offset >= 0.0:
-            span = joint_high[joint] - joint_default[joint]
-        else:
-            span = joint_default[joint] - joint_low[joint]
-        action_out[w, joint + 2] = offset / wp.max(span, 1.0e-6)
+        action_out[w, joint + 2] = action_for(
+            start_joints[w, joint], joint_low[joint], joint_default[joint], joint_high[joint]
+        )
 
 
 def set_start_state(

@@ -89,6 +89,7 @@ class Simulation:
 
     Attributes:
         target: Joint targets in `robot.JOINTS` order [m or rad], shape (nworld, 8).
+        increments: What an action does in the mode `targets.INCREMENTAL`.
         mode: How actions are read, `targets.ABSOLUTE` (navigation) or `targets.INCREMENTAL` (manipulation),
             shape (nworld,), int32; the latter only with manipulation, where it is the default.
     """
@@ -156,12 +157,12 @@ class Simulation:
             self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
             self._limits = drive_module.DriveLimits.create(profile, device)
         self._manipulation = None
-        self._increments = make_increments(IncrementConfig(), config.control_period, device)
+        self.increments = make_increments(IncrementConfig(), config.control_period, device)
         if manipulation is not None:
             self._manipulation = Manipulation(
                 manipulation, nworld, self.mj_model, self.model, self.data, config.control_period, device
             )
-            self._increments = self._manipulation.increments
+            self.increments = self._manipulation.increments
         self.views = Views(
             qpos=wp.to_torch(self.data.qpos),
             qvel=wp.to_torch(self.data.qvel),
@@ -209,7 +210,7 @@ class Simulation:
             self._manipulation.grasp.clear()
         set_targets(
             self._limits,
-            self._increments,
+            self.increments,
             mode=self.mode,
             speed_scale=self.dynamics.speed_scale,
             action=self.action,

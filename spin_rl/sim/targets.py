@@ -92,6 +92,17 @@ def joint_target(a: float, low: float, default: float, high: float) -> float:
 
 
 @wp.func
+def action_for(position: float, low: float, default: float, high: float) -> float:
+    """Map a set-point to the action for it, not clipped: the inverse of `joint_target`."""
+    offset = position - default
+    if offset >= 0.0:
+        span = high - default
+    else:
+        span = default - low
+    return offset / wp.max(span, 1.0e-6)
+
+
+@wp.func
 def joint_position(
     w: int,
     joint: int,

@@ -10,6 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
+from spin_rl.scenes.fetch_params import FetchSceneParams
 from spin_rl.scenes.params import GeneratorParams
 from spin_rl.scenes.tabletop_params import TabletopParams
 from spin_rl.sensors.depth_pipeline import DepthConfig
@@ -18,6 +19,7 @@ from spin_rl.tasks import nav, pick, pick_rewards, rewards
 from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.depth import image_shape
+from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.observations import GROUPS, OPTIONAL_GROUPS
 from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.tasks.pick_observations import PICK_GROUPS
@@ -65,6 +67,11 @@ def env_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig:
 def pick_config(cfg: DictConfig | Mapping[str, Any]) -> PickConfig:
     """Build the pick task's configuration from the same groups; see `env_config`."""
     return _task_config(cfg, "pick", PickConfig, TabletopParams, pick_rewards.TERMS)
+
+
+def fetch_config(cfg: DictConfig | Mapping[str, Any]) -> FetchConfig:
+    """Build the fetch task's configuration from the same groups; see `env_config`."""
+    return _task_config(cfg, "fetch", FetchConfig, FetchSceneParams, ())
 
 
 def any_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig | PickConfig:

@@ -88,7 +88,7 @@ class Progress:
 
 
 @wp.func
-def _is_finite(row: wp.array2d(dtype=float), w: int, kept_out: wp.array2d(dtype=float)) -> bool:
+def copy_if_finite(row: wp.array2d(dtype=float), w: int, kept_out: wp.array2d(dtype=float)) -> bool:
     """Whether all values of a world are finite; copies them, or zeros."""
     finite = bool(True)
     for i in range(row.shape[1]):
@@ -151,8 +151,8 @@ def _end_picks(
 ) -> None:
     w = wp.tid()
     progress.length[w] = progress.length[w] + 1
-    finite = _is_finite(qpos, w, final_qpos_out)
-    finite = _is_finite(qvel, w, final_qvel_out) and finite
+    finite = copy_if_finite(qpos, w, final_qpos_out)
+    finite = copy_if_finite(qvel, w, final_qvel_out) and finite
     for i in range(action.shape[1]):
         if not wp.isfinite(action[w, i]):
             finite = False

@@ -19,9 +19,10 @@ from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.viewer import style
 from spin_rl.viewer.browser_scene import WorldView
 from spin_rl.viewer.extras import require
+from spin_rl.viewer.labels import progress_label
 from spin_rl.viewer.picture import camera_label, camera_picture
 from spin_rl.viewer.rollout import Player, Snapshot
-from spin_rl.viewer.stage import Stage
+from spin_rl.viewer.stage import Stage, stage_of
 
 OpenPlayer = Callable[[str], Player]
 """Opens a policy by name, at the start of the first episodes."""
@@ -97,14 +98,16 @@ class Browser:
         gui.add_button("reset", hint="Start new episodes").on_click(lambda _: self._reset.set())
         self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1x")
         self._policy = gui.add_dropdown("policy", list(policies), initial_value=policy)
+        has_corridors = player.snapshots[0].scandots is not None
         self._scenario = gui.add_dropdown(
             "scenario",
             [str(s) for s in SCENARIOS],
             initial_value=str(scenario),
             hint="1 straight, 2 L-shaped",
+            visible=has_corridors,
         )
         self._difficulty = gui.add_dropdown(
-            "difficulty", DIFFICULTIES, initial_value=DIFFICULTIES[difficulty]
+            "difficulty", DIFFICULTIES, initial_value=DIFFICULTIES[difficulty], visible=has_corridors
         )
         self._follow = gui.add_checkbox("follow the robot", True)
         worlds = [str(i + 1) for i in range(player.env.num_envs)]
@@ -178,10 +181,9 @@ class Browser:
 
     def _add_worlds(self, player: Player) -> None:
         """Show the worlds of a player side by side, in place of those shown before."""
-        env = player.env
-        self._stage = Stage(env.sim.layout.pool, env.cfg.camera_mount)
+        self._stage = stage_of(player)
         self._views = [
-            WorldView(self.server, self._stage, f"/world_{world}") for world in range(env.num_envs)
+            WorldView(self.server, self._stage, f"/world_{world}") for world in range(player.env.num_envs)
         ]
 
     def show(self, snapshots: Sequence[Snapshot], player: Player) -> None:
@@ -210,13 +212,16 @@ class Browser:
 
 def status_text(snapshot: Snapshot) -> str:
     """Markdown about the present step of one world."""
-    seen = int(snapshot.scandots.seen.sum())
+    dots, target = snapshot.scandots, snapshot.target
+    seen = [] if dots is None else [f"{int(dots.seen.sum())} corners seen"]
+    if target is not None:
+        seen.append(f"{target.what.kind} {'' if target.seen else 'not '}seen")
     pan, tilt = (np.degrees(snapshot.joint(name)) for name in ("head_pan", "head_tilt"))
     return (
         f"**{snapshot.time:.1f} s, {snapshot.outcome.replace('_', '-')}**, "
-        f"goal in {snapshot.goal_distance:.2f} m"
+        f"{progress_label(snapshot)}"
         f"\n\ncamera pan {pan:.0f}°, tilt {tilt:.0f}°, lift {snapshot.joint('lift'):.2f} m, "
-        f"{seen} corners seen"
+        f"{', '.join(seen)}"
     )
 
 

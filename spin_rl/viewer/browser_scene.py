@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.objects import OBJECT_BODY, SceneObject
 from spin_rl.viewer import style
 from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M
-from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.rollout import Snapshot, Target
 from spin_rl.viewer.stage import VISUAL_GROUP, DepthCamera, Stage
 
 _WALL_OPACITY = 0.28
@@ -36,6 +37,8 @@ class WorldView:
         self._scene: Scene | None = None
         self._goal: Any = None
         self._slots: dict[int, Any] = {}
+        self._object: SceneObject | None = None
+        self._object_root: Any = None
         self._root = server.scene.add_frame(name, show_axes=False)
         self._bodies = self._add_robot()
         # Two clouds: what is seen is drawn larger.
@@ -65,7 +68,7 @@ class WorldView:
             self._scene = scene
             # Scenes of one episode share everything but the positions.
             if before is None or scene.half_size is not before.half_size:
-                self._add_scene(scene)
+                self._add_scene(scene, has_goal=snapshot.scandots is not None)
             for slot, handle in self._slots.items():
                 handle.position = scene.pos[slot]
         stage = self._stage
@@ -73,11 +76,14 @@ class WorldView:
         for body, handle in self._bodies.items():
             handle.position = stage.data.xpos[body]
             handle.wxyz = stage.data.xquat[body]
+        if snapshot.target is not None:
+            self._show_object(snapshot.target)
         camera = stage.depth_camera()
         self._frustum.position = camera.pos
         self._frustum.wxyz = quaternion(camera.mat)
+        marks = snapshot.marks
         for seen, cloud in self._dots.items():
-            points = snapshot.scandots.points[snapshot.scandots.seen == seen].astype(np.float32)
+            points = marks.points[marks.seen == seen].astype(np.float32)
             cloud.points = points
             cloud.colors = np.tile(np.array(style.SEEN if seen else style.UNSEEN, np.uint8), (len(points), 1))
 
@@ -89,15 +95,7 @@ class WorldView:
             node = f"{self._name}/robot/{model.body(body).name}"
             if body not in bodies:
                 bodies[body] = self._scene_api.add_frame(node, show_axes=False)
-            _add_geom(
-                self._scene_api,
-                f"{node}/{model.geom(geom).name}",
-                int(model.geom_type[geom]),
-                model.geom_size[geom],
-                _rgb(model.geom_rgba[geom]),
-                position=model.geom_pos[geom],
-                wxyz=model.geom_quat[geom],
-            )
+            self._add_geoms(np.array([geom]), node)
         return bodies
 
     def _add_frustum(self, tan_half_fov: tuple[float, float]) -> Any:
@@ -112,11 +110,8 @@ class WorldView:
             thickness=0.01,
         )
 
-    def _add_scene(self, scene: Scene) -> None:
-        for handle in (self._goal, *self._slots.values()):
-            if handle is not None:
-                handle.remove()
-        self._goal = self._scene_api.add_cylinder(
+    def _add_goal(self, scene: Scene) -> Any:
+        return self._scene_api.add_cylinder(
             f"{self._name}/goal",
             radius=0.15,
             height=0.01,
@@ -124,6 +119,37 @@ class WorldView:
             position=(*scene.goal, 0.005),
             cast_shadow=False,
         )
+
+    def _show_object(self, target: Target) -> None:
+        """Move the object; a new one replaces the old one. The stage has the pose of the snapshot."""
+        if target.what is not self._object:
+            self._object = target.what
+            if self._object_root is not None:
+                self._object_root.remove()
+            node = f"{self._name}/{OBJECT_BODY}"
+            self._object_root = self._scene_api.add_frame(node, show_axes=False)
+            self._add_geoms(self._stage.object_geoms, node)
+        self._object_root.position = target.pose[:3]
+        self._object_root.wxyz = target.pose[3:]
+
+    def _add_geoms(self, geoms: np.ndarray, node: str) -> None:
+        model = self._stage.model
+        for geom in geoms:
+            _add_geom(
+                self._scene_api,
+                f"{node}/{model.geom(geom).name}",
+                int(model.geom_type[geom]),
+                model.geom_size[geom],
+                _rgb(model.geom_rgba[geom]),
+                position=model.geom_pos[geom],
+                wxyz=model.geom_quat[geom],
+            )
+
+    def _add_scene(self, scene: Scene, *, has_goal: bool) -> None:
+        for handle in (self._goal, *self._slots.values()):
+            if handle is not None:
+                handle.remove()
+        self._goal = self._add_goal(scene) if has_goal else None
         self._slots = {}
         names, colours = scene.pool.geom_names(), style.slot_colours(scene)
         for slot in np.flatnonzero(scene.active):

@@ -62,25 +62,28 @@ class PinholeCamera:
         return self.project(ends)[0]
 
 
-class FollowCamera:
-    """Behind and above the robot, turning smoothly."""
+Point = tuple[float, float, float]
 
-    def __init__(self, back: float = 2.1, up: float = 2.3, time_constant: float = 0.8) -> None:
+DRIVE_VIEW: tuple[Point, Point] = ((-2.1, 0.0, 2.3), (0.35, 0.0, 0.45))
+TABLE_VIEW: tuple[Point, Point] = ((-1.15, -0.3, 1.7), (0.05, -0.6, 0.75))
+"""Where the camera is and what it looks at, from the base: x ahead, y left, height over the floor [m].
+
+The arm reaches to the right."""
+
+
+class FollowCamera:
+    """Goes with the robot, turning smoothly."""
+
+    def __init__(self, view: tuple[Point, Point] = DRIVE_VIEW, time_constant: float = 0.8) -> None:
         """Start without a direction.
 
         Args:
-            back: Distance behind the robot [m].
-            up: Height [m].
+            view: `DRIVE_VIEW`, from behind and above, or `TABLE_VIEW`, close to the gripper.
             time_constant: Of the direction's low-pass filter [s].
         """
-        self._back = back
-        self._up = up
+        self._view = view
         self._time_constant = time_constant
         self._heading: np.ndarray | None = None
-
-    def cut(self) -> None:
-        """Forget the direction: the next place follows the robot's heading at once."""
-        self._heading = None
 
     def place(self, base: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Follow one step.
@@ -98,5 +101,6 @@ class FollowCamera:
             norm = np.linalg.norm(heading)
             heading = heading / norm if norm > 1e-6 else self._heading
         self._heading = heading
-        pos = np.array([*(base[:2] - self._back * heading), self._up])
-        return pos, np.array([*(base[:2] + 0.35 * heading), 0.45])
+        left = np.array([-heading[1], heading[0]])
+        pos, look_at = (np.array([*(base[:2] + x * heading + y * left), z]) for x, y, z in self._view)
+        return pos, look_at

@@ -40,7 +40,8 @@ def show(player: Player) -> None:
 
     period = player.env.cfg.sim.control_period
     while True:
-        model = native_model(player.snapshots[0].scene)
+        first = player.snapshots[0]
+        model = native_model(first.scene, obj=None if first.target is None else first.target.what)
         data = mujoco.MjData(model)
         with mujoco.viewer.launch_passive(model, data) as window:
             for snapshot in next(play(player, 1)):
@@ -56,8 +57,8 @@ def show(player: Player) -> None:
 
 
 def pose(model: mujoco.MjModel, data: mujoco.MjData, snapshot: Snapshot) -> None:
-    """Put the robot, and obstacles that move, where they are in a snapshot of the model's scene."""
-    data.qpos[:] = snapshot.qpos
+    """Put robot, object, and obstacles that move, where they are in a snapshot of the model's scene."""
+    data.qpos[:] = snapshot.qpos if snapshot.target is None else [*snapshot.qpos, *snapshot.target.pose]
     mujoco.mj_forward(model, data)
     scene = snapshot.scene
     names = scene.pool.geom_names()
@@ -66,11 +67,12 @@ def pose(model: mujoco.MjModel, data: mujoco.MjData, snapshot: Snapshot) -> None
 
 
 def draw_scandots(scene: mujoco.MjvScene, snapshot: Snapshot) -> None:
-    """Replace a scene's added geoms with a sphere per scandot and a disc at the goal."""
-    dots = snapshot.scandots
+    """Replace a scene's added geoms with a sphere per scandot or object, and a disc at the goal if any."""
+    dots = snapshot.marks
     colours = style.scandot_colours(dots.seen) / 255
     marks = [(point, colour, _DOT_RADIUS_M) for point, colour in zip(dots.points, colours, strict=True)]
-    marks.append((np.array([*snapshot.scene.goal, 0.0]), np.array(style.GOAL) / 255, 0.15))
+    if snapshot.scandots is not None:
+        marks.append((np.array([*snapshot.scene.goal, 0.0]), np.array(style.GOAL) / 255, 0.15))
     scene.ngeom = 0
     for point, colour, radius in marks[: scene.maxgeom]:
         mujoco.mjv_initGeom(

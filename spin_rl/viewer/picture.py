@@ -6,7 +6,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from spin_rl.viewer import style
-from spin_rl.viewer.camera import FollowCamera
+from spin_rl.viewer.camera import DRIVE_VIEW, TABLE_VIEW, FollowCamera
+from spin_rl.viewer.labels import cell_label, progress_label
 from spin_rl.viewer.overlay import draw_overlays
 from spin_rl.viewer.plan import Plan
 from spin_rl.viewer.renderer import Renderer
@@ -55,14 +56,14 @@ class PictureMaker:
         stage = self._stage
         if snapshot.episode != self._episode or self._plan is None:
             self._episode = snapshot.episode
-            self._plan = Plan(snapshot.scene, *_PLAN)
+            self._plan = Plan(snapshot.scene, *_PLAN, whole=snapshot.scandots is not None)
             self._path = []
-            self._follow.cut()
+            self._follow = FollowCamera(TABLE_VIEW if snapshot.scandots is None else DRIVE_VIEW)
         self._path.append(snapshot.qpos[:2])
         stage.pose(snapshot)
         stage.place_view(*self._follow.place(snapshot.qpos[:3], self._period))
         view = draw_overlays(
-            self._renderer.render(), self._renderer.camera(), stage.depth_camera(), snapshot.scandots
+            self._renderer.render(), self._renderer.camera(), stage.depth_camera(), snapshot.marks
         )
         picture = Image.new("RGB", SIZE, style.PAPER)
         picture.paste(view, (0, 0))
@@ -71,24 +72,19 @@ class PictureMaker:
         picture.paste(depth, (_VIEW[0] + 10, _PLAN[1] + 18))
         draw = ImageDraw.Draw(picture)
         draw.text((_VIEW[0] + 10, _PLAN[1] + 2), camera_label(snapshot), fill=style.INK, font=_font(12))
-        _draw_legend(draw, (_VIEW[0] + depth.width + 22, _PLAN[1] + 18))
+        _draw_legend(draw, (_VIEW[0] + depth.width + 22, _PLAN[1] + 18), snapshot)
         self._draw_strip(draw, snapshot)
         return picture
 
     def _draw_strip(self, draw: ImageDraw.ImageDraw, snapshot: Snapshot) -> None:
         top = _VIEW[1]
-        scene = snapshot.scene
-        difficulty = ("easy", "medium", "hard")[scene.difficulty]
-        cell = f"scenario {scene.scenario}, {difficulty}"
+        cell = f"{cell_label(snapshot)}, episode {snapshot.episode + 1}"
         draw.text((10, top + 8), self._title, fill=style.INK, font=_font(15))
-        draw.text(
-            (10, top + 34), f"{cell}, episode {snapshot.episode + 1}", fill=style.UNSEEN, font=_font(13)
-        )
+        draw.text((10, top + 34), cell, fill=style.UNSEEN, font=_font(13))
         draw.text((216, top + 8), f"{snapshot.time:4.1f} s", fill=style.INK, font=_font(20))
         outcome = snapshot.outcome.replace("_", "-")
         draw.text((290, top + 8), outcome, fill=style.OUTCOME[snapshot.outcome], font=_font(20))
-        to_go = f"goal in {snapshot.goal_distance:.2f} m"
-        draw.text((216, top + 36), to_go, fill=style.UNSEEN, font=_font(13))
+        draw.text((216, top + 36), progress_label(snapshot), fill=style.UNSEEN, font=_font(13))
         model = self._stage.model
         for row, joint in enumerate(("head_pan", "head_tilt", "lift")):
             low, high = model.joint(joint).range
@@ -135,11 +131,13 @@ def depth_picture(depth: np.ndarray) -> Image.Image:
     return Image.fromarray(np.stack(channels, -1).astype(np.uint8))
 
 
-def _draw_legend(draw: ImageDraw.ImageDraw, corner: tuple[int, int]) -> None:
+def _draw_legend(draw: ImageDraw.ImageDraw, corner: tuple[int, int], snapshot: Snapshot) -> None:
     x, y = corner
-    rows = [("seen corner", style.SEEN, True), ("unseen corner", style.UNSEEN, True)]
+    point = "object" if snapshot.scandots is None else "corner"
+    rows = [(f"seen {point}", style.SEEN, True), (f"unseen {point}", style.UNSEEN, True)]
     rows += [("camera's view", style.FRUSTUM, False)]
-    rows += [(_LEVEL_LABELS[level], style.LEVEL[level], False) for level in _LEVEL_LABELS]
+    if snapshot.scandots is not None:  # obstacles on the way
+        rows += [(_LEVEL_LABELS[level], style.LEVEL[level], False) for level in _LEVEL_LABELS]
     for i, (label, colour, dot) in enumerate(rows):
         middle = y + 8 + 19 * i
         if dot:

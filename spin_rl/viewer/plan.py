@@ -12,6 +12,7 @@ from spin_rl.viewer.rollout import Snapshot
 from spin_rl.viewer.stage import Stage
 
 _MARGIN_M = 0.35
+_NEAR_M = 0.8
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 _ROUND = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), -1)
 _GOAL_RADIUS_M = 0.15
@@ -20,22 +21,24 @@ _GOAL_RADIUS_M = 0.15
 class Plan:
     """Draws the plan of one scene."""
 
-    def __init__(self, scene: Scene, width: int, height: int) -> None:
-        """Choose the scale that shows all of the walls, start and goal.
+    def __init__(self, scene: Scene, width: int, height: int, *, whole: bool = True) -> None:
+        """Choose the scale that shows start and goal, and all of the walls or what is near.
 
         Args:
             scene: The scene.
             width: Columns of the picture.
             height: Rows.
+            whole: Whether to show all of the walls.
         """
         self._scene = scene
         self._size = (width, height)
         self._slots = [
             (slot, colour) for slot, colour in enumerate(style.slot_colours(scene)) if scene.active[slot]
         ]
-        walls = [footprint(scene, slot) for slot, _ in self._slots if scene.is_wall[slot]]
+        walls = [footprint(scene, slot) for slot, _ in self._slots if whole and scene.is_wall[slot]]
         points = np.concatenate([*walls, scene.start[None, :2], scene.goal[None]])
-        low, high = points.min(0) - _MARGIN_M, points.max(0) + _MARGIN_M
+        margin = _MARGIN_M if whole else _NEAR_M
+        low, high = points.min(0) - margin, points.max(0) + margin
         self._scale = float(min(np.array(self._size) / (high - low)))
         self._centre = 0.5 * (low + high)
 
@@ -53,7 +56,8 @@ class Plan:
         """
         canvas = Canvas(*self._size)
         scale = self._scale
-        canvas.polygon(self.pixels(self._scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
+        if snapshot.scandots is not None:  # a goal to drive to
+            canvas.polygon(self.pixels(self._scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
         for slot, colour in self._slots:
             shape = footprint(snapshot.scene, slot)  # where it is now
             canvas.polygon(self.pixels(shape), colour, alpha=255 if self._scene.is_wall[slot] else 210)
@@ -62,7 +66,7 @@ class Plan:
         if len(path) > 1:
             canvas.line(self.pixels(path), style.ROBOT, width=1.0, alpha=150)
         self._draw_robot(canvas, stage)
-        dots = snapshot.scandots
+        dots = snapshot.marks
         for point, seen in zip(self.pixels(dots.points), dots.seen, strict=True):
             if seen:
                 canvas.dot(point, max(1.8, 0.03 * scale), style.SEEN)

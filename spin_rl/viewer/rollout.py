@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +11,17 @@ import torch
 from spin_rl import robot
 from spin_rl.policy import Policy
 from spin_rl.scenes.layout import Scene
-from spin_rl.tasks.episode import OUTCOMES
+from spin_rl.scenes.objects import SceneObject
 from spin_rl.tasks.nav import NavEnv
+from spin_rl.tasks.pick import PickEnv
+from spin_rl.tasks.pick_episode import PICK_OUTCOMES
 
+OUTCOMES = PICK_OUTCOMES
+"""Names of the outcomes of all tasks; navigation has all but the last."""
 RUNNING = OUTCOMES[0]
+PlayedEnv = NavEnv | PickEnv
+_ROBOT = slice(len(robot.DOF_NAMES))
+_OBJECT = slice(_ROBOT.stop, None)
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,28 @@ class Scandots:
 
 
 @dataclass(frozen=True)
+class Target:
+    """The object to pick up in one world at one time.
+
+    Attributes:
+        what: Shape and start; the same object for all snapshots of an episode.
+        pose: Position of its centre [m] and orientation (w, x, y, z), world, shape (7,).
+        seen: Whether the camera sees it.
+        force: Of both fingertips together on it [N].
+    """
+
+    what: SceneObject
+    pose: np.ndarray
+    seen: bool
+    force: float
+
+    @property
+    def height(self) -> float:
+        """Height over its start [m]."""
+        return float(self.pose[2] - self.what.start_pose[2])
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """One world at one time.
 
@@ -40,20 +70,30 @@ class Snapshot:
         episode: Number of the episode in its world, from 0.
         time: Since the start of the episode [s].
         qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
-        scandots: What is near, and what of it is seen.
-        outcome: One of `episode.OUTCOMES`; other than "running" in an episode's last snapshot.
+        scandots: What is near, and what of it is seen; None where the task has no scandots.
+        outcome: One of `OUTCOMES`; other than "running" in an episode's last snapshot.
         depth: The depth image as the policy gets it, noisy and filtered, upright, in metres between the
             nearest and the farthest depth that it can tell apart, shape (rows, columns); None where the
             task has no depth camera.
+        target: The object to pick up, where the task has one.
     """
 
     scene: Scene
     episode: int
     time: float
     qpos: np.ndarray
-    scandots: Scandots
+    scandots: Scandots | None
     outcome: str = RUNNING
     depth: np.ndarray | None = None
+    target: Target | None = None
+
+    @property
+    def marks(self) -> Scandots:
+        """The points that the policy is given while they are seen: scandots, and the object's centre."""
+        parts = [] if self.scandots is None else [self.scandots]
+        if self.target is not None:
+            parts.append(Scandots(self.target.pose[None, :3], np.array([self.target.seen])))
+        return Scandots(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "seen")))
 
     @property
     def ended(self) -> bool:
@@ -78,7 +118,7 @@ class Player:
         ended: Last snapshots of all finished episodes since `start`, in the order of their end.
     """
 
-    def __init__(self, env: NavEnv, policy: Policy) -> None:
+    def __init__(self, env: PlayedEnv, policy: Policy) -> None:
         """Take over an environment; `start` begins the first episodes.
 
         Args:
@@ -101,8 +141,8 @@ class Player:
         """Begin new episodes in all worlds.
 
         Args:
-            scenario: 1 straight, 2 L-shaped, 0 a mix.
-            difficulty: 0 easy, 1 medium, 2 hard, -1 a mix.
+            scenario: 1 straight, 2 L-shaped, 0 a mix; of no meaning where the task has no corridors.
+            difficulty: 0 easy, 1 medium, 2 hard, -1 a mix; likewise.
             seed: Starts the sequence of episodes of this seed; None goes on with the running sequence.
             policy: Another policy for the same environment; None keeps the present one.
 
@@ -111,7 +151,8 @@ class Player:
         """
         n = self.env.num_envs
         self._policy = policy or self._policy
-        self.env.set_cells([scenario] * n, [difficulty] * n)
+        if isinstance(self.env, NavEnv):
+            self.env.set_cells([scenario] * n, [difficulty] * n)
         if seed is not None:
             self.env.reseed(seed)
         self._obs = self.env.reset()
@@ -120,6 +161,7 @@ class Player:
         self._steps = np.zeros(n, dtype=int)
         self._episodes = np.zeros(n, dtype=int)
         self._scenes = self.env.sim.layout.scenes()
+        self._objects = [self._read_object(world) for world in range(n)]
         self._snapshots = self._read()
         return self._snapshots
 
@@ -129,7 +171,7 @@ class Player:
 
         Returns:
             A snapshot of every world. Where an episode has ended, it is the state that ended it, with the
-            scandots of the step before: those of that state were never computed.
+            scandots and forces of the step before: those of that state were never computed, or are gone.
         """
         self._obs, _, done, _ = self.env.step(self._policy(self._obs))
         self._policy.reset(done)
@@ -143,10 +185,12 @@ class Player:
                 last[int(world)] = replace(
                     before[world],
                     time=self._time(world),
-                    qpos=qpos[world].astype(float),
+                    qpos=qpos[world, _ROBOT].astype(float),
                     outcome=OUTCOMES[outcomes[world]],
+                    target=_moved(before[world].target, qpos[world, _OBJECT].astype(float)),
                 )
                 self._scenes[world] = self.env.sim.layout.scene(int(world))
+                self._objects[world] = self._read_object(int(world))
             self._steps[ended] = 0
             self._episodes[ended] += 1
             self.ended.extend(last.values())
@@ -164,20 +208,39 @@ class Player:
                 replace(scene, pos=pos[world]) if scene.moves else scene
                 for world, scene in enumerate(self._scenes)
             ]
-        known, visible = self.env.scandots.all.numpy(), self.env.scandots.visible.numpy()
-        depth = self._read_depth()
+        scandots, targets, depth = self._read_scandots(qpos), self._read_targets(qpos), self._read_depth()
         return [
             Snapshot(
                 scene=self._scenes[world],
                 episode=int(self._episodes[world]),
                 time=self._time(world),
-                qpos=qpos[world],
-                scandots=scandots_of(
-                    known[world], visible[world], self._scenes[world].is_wall, qpos[world, :3]
-                ),
+                qpos=qpos[world, _ROBOT],
+                scandots=scandots[world],
                 depth=None if depth is None else depth[world],
+                target=targets[world],
             )
             for world in range(self.env.num_envs)
+        ]
+
+    def _read_object(self, world: int) -> SceneObject | None:
+        return self.env.sim.object.scene_object(world) if isinstance(self.env, PickEnv) else None
+
+    def _read_scandots(self, qpos: np.ndarray) -> Sequence[Scandots | None]:
+        if not isinstance(self.env, NavEnv):
+            return [None] * self.env.num_envs
+        known, visible = self.env.scandots.all.numpy(), self.env.scandots.visible.numpy()
+        return [
+            scandots_of(known[world], visible[world], scene.is_wall, qpos[world, :3])
+            for world, scene in enumerate(self._scenes)
+        ]
+
+    def _read_targets(self, qpos: np.ndarray) -> Sequence[Target | None]:
+        if not isinstance(self.env, PickEnv):
+            return [None] * self.env.num_envs
+        seen, force = self.env.sight.seen.numpy(), self.env.sim.grasp.finger_force.numpy().sum(-1)
+        return [
+            None if what is None else Target(what, qpos[w, _OBJECT], bool(seen[w]), float(force[w]))
+            for w, what in enumerate(self._objects)
         ]
 
     def _read_depth(self) -> np.ndarray | None:
@@ -187,6 +250,10 @@ class Player:
             return None
         near, far = cfg.filter.near_m, cfg.filter.far_m
         return near + (far - near) * images.pipeline.policy.numpy().astype(float)
+
+
+def _moved(target: Target | None, pose: np.ndarray) -> Target | None:
+    return None if target is None else replace(target, pose=pose)
 
 
 def scandots_of(known: np.ndarray, visible: np.ndarray, is_wall: np.ndarray, base: np.ndarray) -> Scandots:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.scenes.builder import PARKED_Z_M, SCENE_GROUP, add_pool
+from spin_rl.scenes.builder import PARKED_Z_M, SCENE_GROUP, add_pool, native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
+from spin_rl.scenes.objects import OBJECT_GEOMS, SceneObject, add_object
 from spin_rl.viewer import style
-from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.rollout import Player, Snapshot
 
 VISUAL_GROUP = 2
 VIEW = "follow"
@@ -19,6 +21,8 @@ VIEW = "follow"
 
 _CAMERA_SITE = "camera_depth_optical_frame"
 _LOW_WALL_M = 0.22
+_GOAL_Z_M = 0.004  # of the goal marker's centre: it lies on the floor
+_UNUSED_M = 1.0e-4  # size of the object's geoms that have no part in its shape
 
 
 @dataclass(frozen=True)
@@ -44,29 +48,34 @@ class DepthCamera:
 
 
 class Stage:
-    """Holds one model for all scenes of a pool; `load` writes a scene, `pose` the robot.
+    """Holds one model for all scenes of a pool; `load` writes a scene, `pose` robot and object.
 
     Attributes:
-        model: Robot, floor, pool, goal marker, light and cameras.
+        model: Robot, floor, pool, object if any, goal marker, light and cameras.
         data: Its state; poses are those of the last `pose`.
     """
 
-    def __init__(self, pool: PoolSpec, camera_mount: robot.CameraMount) -> None:
+    def __init__(self, pool: PoolSpec, camera_mount: robot.CameraMount, *, with_object: bool = False) -> None:
         """Compile the model.
 
         Args:
             pool: Slots of the scenes to come.
             camera_mount: "portrait" or "landscape".
+            with_object: Whether there is an object to pick up in the snapshots to come.
         """
         self.pool = pool
         self._tan_half_fov = robot.camera_tan_half_fov(camera_mount)
-        self.model = _spec(pool).compile()
+        self.model = _spec(pool, with_object).compile()
         self.data = mujoco.MjData(self.model)
         self._geoms = np.array([self.model.geom(name).id for name in pool.geom_names()])
         self._goal = self.model.geom("goal").id
-        # Compiled as "same frame as the body" where the parked pose allows; the poses written below do not.
-        self.model.geom_sameframe[[*self._geoms, self._goal]] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        names = OBJECT_GEOMS if with_object else ()
+        self._object_geoms = np.array([self.model.geom(name).id for name in names], dtype=int)
+        # Compiled as "same frame as the body" where the pose allows; the poses written below do not.
+        written = [*self._geoms, *self._object_geoms, self._goal]
+        self.model.geom_sameframe[written] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
         self.scene = Scene.empty(pool)
+        self._object: SceneObject | None = None
 
     def load(self, scene: Scene) -> None:
         """Write a scene of the stage's pool into the model."""
@@ -83,11 +92,31 @@ class Stage:
         model.geom_rgba[self._geoms, :3] = np.array(style.slot_colours(scene)) / 255
         model.geom_pos[self._goal, :2] = scene.goal
 
+    @property
+    def object_geoms(self) -> np.ndarray:
+        """Geoms that make the present object's shape."""
+        return self._object_geoms[self.model.geom_size[self._object_geoms, 0] > _UNUSED_M]
+
+    def _shape(self, what: SceneObject) -> None:
+        """Give the object's geoms the poses and sizes that MuJoCo's compiler gives those of its kind."""
+        shape = _compiled_shape(what.kind, tuple(float(half) for half in what.half_extents))
+        for geom, name in zip(self._object_geoms, OBJECT_GEOMS, strict=True):
+            self.model.geom_size[geom] = _UNUSED_M
+            self.model.geom_pos[geom] = 0.0
+            for field, value in shape.get(name, {}).items():
+                getattr(self.model, field)[geom] = value
+        self._object = what
+
     def pose(self, snapshot: Snapshot) -> None:
-        """Put the robot where it is in a snapshot, in the snapshot's scene."""
+        """Put robot and object where they are in a snapshot, in the snapshot's scene."""
         if snapshot.scene is not self.scene:
             self.load(snapshot.scene)
-        self.data.qpos[:] = snapshot.qpos
+        target = snapshot.target
+        if target is not None and target.what is not self._object:
+            self._shape(target.what)
+        # The goal of a task with scandots; others have none to drive to.
+        self.model.geom_pos[self._goal, 2] = _GOAL_Z_M if snapshot.scandots is not None else PARKED_Z_M
+        self.data.qpos[:] = snapshot.qpos if target is None else [*snapshot.qpos, *target.pose]
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
 
@@ -146,9 +175,32 @@ class Stage:
         return xpos, size
 
 
-def _spec(pool: PoolSpec) -> mujoco.MjSpec:
-    spec = robot.load_spec()
+@functools.lru_cache(maxsize=32)  # several worlds take turns on one stage
+def _compiled_shape(kind: str, half_extents: tuple[float, float, float]) -> dict[str, dict[str, np.ndarray]]:
+    """Fields of the geoms that MuJoCo's compiler makes of an object, by geom and field."""
+    what = SceneObject(kind, np.array(half_extents), mass=0.1, friction=1.0, start_pose=np.zeros(4))
+    native = native_model(Scene.empty(PoolSpec()), obj=what)
+    fields = ("geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb")
+    names = {native.geom(geom).name: geom for geom in range(native.ngeom)}
+    return {
+        name: {field: getattr(native, field)[names[name]].copy() for field in fields}
+        for name in OBJECT_GEOMS
+        if name in names
+    }
+
+
+def stage_of(player: Player) -> Stage:
+    """Return a stage for the snapshots of a player."""
+    env = player.env
+    with_object = player.snapshots[0].target is not None
+    return Stage(env.sim.layout.pool, env.cfg.camera_mount, with_object=with_object)
+
+
+def _spec(pool: PoolSpec, with_object: bool) -> mujoco.MjSpec:
+    spec = robot.load_grasp_spec() if with_object else robot.load_spec()
     add_pool(spec, pool)
+    if with_object:
+        add_object(spec)
     world = spec.worldbody
     spec.add_texture(
         name="tiles",
@@ -168,8 +220,8 @@ def _spec(pool: PoolSpec) -> mujoco.MjSpec:
     world.add_geom(
         name="goal",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[0.15, 0.004, 0.0],
-        pos=[0.0, 0.0, 0.004],
+        size=[0.15, _GOAL_Z_M, 0.0],
+        pos=[0.0, 0.0, _GOAL_Z_M],
         contype=0,
         conaffinity=0,
         group=VISUAL_GROUP,

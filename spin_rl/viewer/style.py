@@ -24,6 +24,7 @@ OUTCOME: dict[str, Rgb] = {
     "collision": (206, 44, 52),
     "timeout": (196, 126, 20),
     "non_finite": (140, 40, 160),
+    "dropped": (150, 84, 40),
 }
 
 LEVEL: dict[str, Rgb] = {

@@ -1,9 +1,9 @@
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
-from spin_rl.benchmark import after_training, policies
+from spin_rl.benchmark import after_training, benchmarks, policies
 from spin_rl.benchmark.reach import REACH_CELLS
 from spin_rl.tasks.build import default_config
 
@@ -39,7 +39,8 @@ def test_corridors_and_noise_are_those_of_the_training(monkeypatch, capsys, tmp_
         return {"policy": "run", "rows": rows} | settings
 
     monkeypatch.setattr(policies, "open_policy", lambda name: (None, trained))
-    monkeypatch.setattr(after_training, "evaluate_reach", evaluate_reach)
+    benchmark = replace(benchmarks.BENCHMARKS["reach"], evaluate=evaluate_reach)
+    monkeypatch.setattr(benchmarks, "BENCHMARKS", {"reach": benchmark})
     call = ["depth=d435i", "scene=moving", "task.episode_s=3", "num_envs=4"]
     path = after_training.evaluate_run(tmp_path, episodes=9, device="cpu", overrides=call)
     (cfg,) = measured
@@ -51,3 +52,18 @@ def test_corridors_and_noise_are_those_of_the_training(monkeypatch, capsys, tmp_
 
     after_training.evaluate_run(tmp_path, episodes=9, device="cpu")
     assert measured[1].depth.noise.dropout == 0.0 and measured[1].depth.filter.fill_px == 3
+
+
+def test_the_benchmark_is_that_of_the_runs_task(monkeypatch, capsys, tmp_path, device):
+    trained = {"task": {"name": "pick", "sight": {"far_m": 3.0}}}
+    monkeypatch.setattr(
+        policies, "open_policy", lambda name: (lambda obs, device: policies.ZeroPolicy(), trained)
+    )
+    call = ["task=pick", "scene.table_top=[0.5,0.6]"]
+    path = after_training.evaluate_run(tmp_path, episodes=2, device=device, overrides=call)
+    assert path == tmp_path / "pick.json"
+    result = json.loads(path.read_text())
+    assert result["sight"]["far_m"] == 3.0 and result["scene"] == "tabletop, scene.table_top=[0.5,0.6]"
+    assert result["overall"]["timeout_rate"] == 1.0
+    assert result["overall"]["duration_all_s"] == pytest.approx(7.0)
+    assert "SPIN" not in capsys.readouterr().out  # other tables than the benchmark's

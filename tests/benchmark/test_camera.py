@@ -9,7 +9,7 @@ from spin_rl import robot
 from spin_rl.benchmark import camera, camera_report, camera_variants, policies, watch
 from spin_rl.benchmark.camera_variants import Variant
 from spin_rl.benchmark.hits import FLOOR, Hit, NearestObstacle, summarize_hits
-from spin_rl.benchmark.metrics import Episodes
+from spin_rl.benchmark.metrics import ReachEpisodes
 from spin_rl.benchmark.reach import Cell, run_cells
 from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
@@ -21,10 +21,10 @@ BLIND = (-3.14, 0.79)
 AHEAD = (0.0, -0.6)
 
 
-def episodes_of(success) -> Episodes:
+def episodes_of(success) -> ReachEpisodes:
     outcome = np.where(success, episode.SUCCESS, episode.TIMEOUT)
     n = len(outcome)
-    return Episodes(outcome, np.full(n, 10), np.zeros(n), np.zeros((n, len(robot.PARTS)), dtype=bool))
+    return ReachEpisodes(outcome, np.full(n, 10), np.zeros(n), np.zeros((n, len(robot.PARTS)), dtype=bool))
 
 
 def test_difference_counts_corridors_that_changed():

@@ -17,7 +17,7 @@ def run_main(monkeypatch, *arguments):
     [
         (["policy=no-such-policy"], "policy"),
         ([], "policy"),
-        (["policy=zero", "benchmark=dance"], "benchmark: unknown 'dance'; choose from reach"),
+        (["policy=zero", "benchmark=dance"], "benchmark: unknown 'dance'; choose from reach, pick"),
         (["policy=zero", "episodes=0"], "episodes: at least 1"),
         (["policy=zero", "episodes=many"], "episodes: expected a whole number"),
         (["policy=zero", "seeds=3"], "seeds: expected a list"),
@@ -30,6 +30,17 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "task.episode_s=-1"], "task.episode_s must exceed"),
         (["policy=zero", "robot.profile=jet"], "robot: unknown profile 'jet'"),
         (["policy=zero", "epsiodes=3"], "epsiodes"),
+        (
+            ["policy=nav-cvo", "benchmark=pick"],
+            "policy: nav-cvo was trained with task=nav, which is not task=pick",
+        ),
+        (
+            ["policy=zero", "task=pick", "benchmark=reach"],
+            "benchmark: reach measures task=nav, not task=pick",
+        ),
+        (["policy=zero", "benchmark=pick", "analysis=camera"], "analysis: camera needs benchmark=reach"),
+        (["policy=zero", "benchmark=pick", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
+        (["policy=zero", "benchmark=pick", "task.object=hat"], "task.object must be any or one of banana"),
         (["policy=nav-cvo", "depth=d435i"], "depth: depth=d435i changes nothing"),
     ],
 )
@@ -81,3 +92,22 @@ def test_zero_policy_end_to_end(device, tmp_path):
         assert row["timeout_rate"] == 1.0 and row["causes"]["timeout"] == 1.0
         assert row["duration_all_s"] == pytest.approx(0.5)
         assert row["final_distance_m"] > 2.0
+
+
+def test_picks_end_to_end(monkeypatch, capsys, device, tmp_path):
+    """The benchmark names the task; a robot that stands still lifts nothing."""
+    out = tmp_path / "pick.json"
+    run_main(monkeypatch, "policy=zero", "benchmark=pick", "episodes=7", "seeds=[0,1]", f"device={device}",
+             f"out={out}", "num_envs=4", "task.episode_s=0.4", "baseline=fixcam_IV")  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "Pick: zero, 14 episodes (seeds 0, 1), " in printed and "frozen at pan 0.0, tilt -0.2" in printed
+    all_line = next(line for line in printed.splitlines() if line.startswith("all "))
+    assert "0.97  5.7 s" in all_line and "0.86 11.0 s" in all_line
+    result = json.loads(out.read_text())
+    assert result["benchmark"] == "pick" and result["camera_pose"] == [0.0, -0.2]
+    assert [(row["object"], row["episodes"]) for row in result["rows"]] == [
+        ("banana", 4), ("mug", 4), ("can", 2), ("brick", 2), ("bottle", 2)
+    ]  # fmt: skip
+    assert result["overall"]["episodes"] == 14 and result["overall"]["causes"]["timeout"] == 1.0
+    assert result["overall"]["duration_all_s"] == pytest.approx(0.4)
+    assert result["overflows"] == {} and set(result["noise"].values()) == {0.0}

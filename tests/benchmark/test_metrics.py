@@ -3,9 +3,16 @@ import pytest
 from scipy import stats
 
 from spin_rl import robot
-from spin_rl.benchmark.metrics import Episodes, summarize, wilson_interval
+from spin_rl.benchmark.metrics import (
+    Episodes,
+    PickEpisodes,
+    ReachEpisodes,
+    summarize,
+    summarize_picks,
+    wilson_interval,
+)
 from spin_rl.benchmark.paper import REACH
-from spin_rl.tasks import episode
+from spin_rl.tasks import episode, pick_episode
 
 
 @pytest.mark.parametrize(
@@ -29,7 +36,7 @@ def test_wilson_rejects_impossible_counts(successes, count):
 
 def make_episodes(rows):
     """Rows are (outcome, steps, distance, names of touching parts)."""
-    return Episodes(
+    return ReachEpisodes(
         np.array([getattr(episode, row[0]) for row in rows]),
         np.array([row[1] for row in rows]),
         np.array([row[2] for row in rows]),
@@ -79,3 +86,19 @@ def test_paper_rows_are_complete():
         assert len(cells) == 6
     assert REACH["SPIN (CVO)"][2, "medium"].duration_s == 15.81
     assert REACH["FixCam"][1, "hard"].success_rate == 0.20
+
+
+def test_summary_of_picks_tells_every_way_to_fail():
+    outcomes = ["SUCCESS", "SUCCESS", "COLLISION", "TIMEOUT", "TIMEOUT", "NON_FINITE"]
+    numbers = [getattr(episode, name) for name in outcomes] + [pick_episode.DROPPED] * 2
+    episodes = PickEpisodes(np.array(numbers), np.arange(10, 90, 10), np.linspace(0.0, 0.7, 8))
+    row = summarize_picks(episodes, control_period=0.1)
+    assert row["success_rate"] == pytest.approx(2 / 8) and row["episodes"] == 8
+    assert row["ci95"] == pytest.approx(wilson_interval(2, 8))
+    assert row["duration_s"] == pytest.approx(1.5) and row["duration_all_s"] == pytest.approx(4.5)
+    assert (row["collision_rate"], row["dropped_rate"], row["timeout_rate"]) == (1 / 8, 2 / 8, 2 / 8)
+    assert row["non_finite"] == 1 and row["final_distance_m"] == pytest.approx(0.35)
+    shares = {"table hit": 1 / 6, "dropped": 2 / 6, "timeout": 2 / 6, "non_finite": 1 / 6}
+    assert row["causes"] == pytest.approx(shares)
+    both = Episodes.concatenate([episodes.select(np.arange(8) < 3), episodes.select(np.arange(8) >= 3)])
+    assert isinstance(both, PickEpisodes) and summarize_picks(both, 0.1) == row

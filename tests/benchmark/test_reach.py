@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from spin_rl import robot
-from spin_rl.benchmark import policies, reach
+from spin_rl.benchmark import policies, reach, rounds
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.scene_file import load_scene
@@ -129,7 +129,7 @@ def test_progress_ends_with_all_episodes():
     ],
 )
 def test_batch_size(episodes, num_envs, device, expected):
-    assert reach.batch_size(episodes, num_envs, device) == expected
+    assert rounds.batch_size(episodes, num_envs, device) == expected
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from hydra.core.global_hydra import GlobalHydra
 
 from spin_rl.benchmark import settings
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.build import env_config
+from spin_rl.tasks.build import env_config, pick_config
+from spin_rl.tasks.pick_config import PickConfig
 
 TRAINED = {
     "robot": {"profile": "re1"},
@@ -32,6 +33,21 @@ def test_evaluation_is_nominal(cfg):
     assert set(vars(task.noise).values()) == {0.0}
     assert task.dynamics.speed_scale == (1.0, 1.0)
     assert task.dynamics.base_lag_s == (0.15, 0.15) and task.dynamics.joint_lag_s == (0.1, 0.1)
+
+
+def test_picks_are_evaluated_nominally_and_far_from_the_object():
+    task = pick_config(settings.compose(["task=pick"]))
+    assert task.end_on_success and task.near_share == (0.0, 0.0) and task.episode_s == 7.0
+    assert not task.curriculum.enabled and task.curriculum.start == 1.0
+    assert set(vars(task.noise).values()) == {0.0}
+    assert task.dynamics == PickConfig().dynamics
+
+
+def test_what_a_pick_policy_sees_is_its_own():
+    cfg = settings.compose(["task=pick"])
+    trained = {"task": {"sight": {"far_m": 2.0}, "end_on_success": False, "camera_pose": [0.0, -0.2]}}
+    task = pick_config(settings.for_policy(cfg, trained, ["task=pick"]))
+    assert task.sight.far_m == 2.0 and task.camera_pose == (0.0, -0.2) and task.end_on_success
 
 
 def test_body_and_inputs_are_the_policys(cfg):

@@ -5,15 +5,20 @@ import math
 import os
 import sys
 
+import hydra
 import pytest
+import safetensors.torch
+import torch
 import yaml
+from omegaconf import OmegaConf
 
 import spin_rl.tasks.nav
 from spin_rl.benchmark import settings
 from spin_rl.cli import distill, run_folder
-from spin_rl.paths import POLICY_DIR
-from spin_rl.runners import load_policy, read_policy
-from spin_rl.tasks.build import env_config
+from spin_rl.paths import CONF_DIR, POLICY_DIR
+from spin_rl.runners import load_policy, policy_file, read_policy
+from spin_rl.tasks.build import any_config, env_config
+from spin_rl.tasks.pick_config import PickConfig
 
 TEACHER = f"teacher={POLICY_DIR / 'nav-cvo.safetensors'}"
 TINY = [TEACHER, "num_envs=4", "runner.num_steps_per_env=4", "runner.algorithm.freeze_iterations=1"]
@@ -91,6 +96,57 @@ def test_distillation_from_start_to_resume(monkeypatch, capfd, tmp_path, device)
     run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
     assert "Continuing with other settings" not in capfd.readouterr().out
     assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
+
+
+@pytest.fixture
+def pick_teacher(tmp_path):
+    """An untrained policy of the pick task, as a file; its eyes reach 3 m."""
+    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        config = OmegaConf.to_container(hydra.compose("train", ["task=pick", "task.sight.far_m=3.0"]))
+    dims = {"proprio": 31, "hand": 7, "object_start": 3, "object": 10}
+    description = config["runner"]["actor"]
+    torch.manual_seed(0)
+    weights = policy_file.build_model(description, "actor", dims, 10).state_dict()
+    metadata = {
+        "version": policy_file.FORMAT_VERSION,
+        "obs_groups": list(dims),
+        "obs_dims": dims,
+        "num_actions": 10,
+        "actor": description,
+        "config": config,
+    } | dict.fromkeys(("env_steps", "iteration", "minutes"), 0)
+    path = tmp_path / "pick.safetensors"
+    safetensors.torch.save_file(weights, path, {policy_file._KEY: json.dumps(metadata)})
+    return path
+
+
+def test_a_student_of_the_pick_task(monkeypatch, capfd, tmp_path, pick_teacher):
+    """The task follows from the teacher, and with it scene, physics and groups; its settings are carried."""
+    run_dir = tmp_path / "student"
+    options = [f"teacher={pick_teacher}", *TINY[1:], f"run_dir={run_dir}", "device=cpu"]
+    run_main(monkeypatch, *options, "max_iterations=2")
+    config = yaml.safe_load((run_dir / "config.yaml").read_text())
+    assert config["runner"]["obs_groups"]["actor"] == ["proprio", "hand", "object_start", "depth"]
+    task = any_config(config)
+    assert isinstance(task, PickConfig)
+    assert task.sight.far_m == 3.0 and task.sim.substeps == 8 and task.depth is not None
+    assert task.curriculum.start == 1.0
+    student, teacher = load_policy(run_dir), load_policy(pick_teacher)
+    assert student.encoders["depth"].latent == 10
+    assert torch.equal(student.obs_normalizer._mean, teacher.obs_normalizer._mean[:, :41])
+    run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
+    assert "Continuing with other settings" not in capfd.readouterr().out
+    assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
+
+
+def test_teachers_of_another_task_are_one_line(monkeypatch, capfd, tmp_path, pick_teacher):
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([TEACHER, "task=pick"], [f"teacher={pick_teacher}", "task=nav"]):
+        with pytest.raises(SystemExit):
+            run_main(monkeypatch, *arguments)
+        error = capfd.readouterr().err.strip()
+        assert error.startswith("spin-distill: error: teacher: ") and "which is not task=" in error
+        assert "\n" not in error
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A toy in which scandots can be read off an image, and students for it."""
+"""A toy in which scandots and an object can be read off an image, and students for it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ ENCODER = {"image": list(IMAGE), "channels": [6], "kernels": [3], "strides": [2]
 
 
 class DepthEnv(FakeEnv):
-    """The image is the visible tokens, as 8-bit numbers; the last action is the camera's."""
+    """The image is the visible tokens, as 8-bit numbers; the object is the first of them, in other units.
+
+    The last action is the camera's.
+    """
 
     camera_actions = (NUM_ACTIONS - 1,)
 
@@ -23,6 +26,7 @@ class DepthEnv(FakeEnv):
         super()._observe()
         image = self.observations["scandots"].clamp(-2.0, 2.0) * 60.0 + 128.0
         self.observations["depth"] = image.to(torch.uint8)
+        self.observations["object"] = 3.0 * self.observations["scandots"][:, :10] + 1.0
 
 
 def make_student_config(teacher, **algorithm) -> dict:
@@ -42,22 +46,29 @@ def make_student_config(teacher, **algorithm) -> dict:
     }
 
 
-def make_models(seed: int = 0) -> tuple[ScandotRecurrentModel, ScandotRecurrentModel]:
-    """A student and a teacher with random weights."""
+def make_models(seed: int = 0, seen: str = "scandots") -> tuple[ScandotRecurrentModel, ScandotRecurrentModel]:
+    """A student and a teacher with random weights, which sees scandots or the object."""
     torch.manual_seed(seed)
     obs = DepthEnv(num_envs=4).get_observations()
     section = {k: v for k, v in make_config()["actor"].items() if k not in ("class_name", "distribution_cfg")}
     groups = ["proprio", "goal"]
+    latent = 10 if seen == "object" else 16
     student = ScandotRecurrentModel(
-        obs, {"actor": [*groups, "depth"]}, "actor", NUM_ACTIONS, depth_encoder=ENCODER, **section
+        obs,
+        {"actor": [*groups, "depth"]},
+        "actor",
+        NUM_ACTIONS,
+        depth_encoder=ENCODER,
+        scandot_latent=latent,
+        **section,
     )
-    teacher = ScandotRecurrentModel(obs, {"actor": [*groups, "scandots"]}, "actor", NUM_ACTIONS, **section)
+    teacher = ScandotRecurrentModel(obs, {"actor": [*groups, seen]}, "actor", NUM_ACTIONS, **section)
     return student, teacher
 
 
-def make_algorithm(num_steps: int = 6, num_envs: int = 4, **settings) -> Distillation:
+def make_algorithm(num_steps: int = 6, num_envs: int = 4, seen: str = "scandots", **settings) -> Distillation:
     """An algorithm without an environment."""
-    student, teacher = make_models()
+    student, teacher = make_models(seen=seen)
     obs = DepthEnv(num_envs=num_envs).get_observations()
     sequences = Sequences.allocate(obs, student, num_steps, NUM_ACTIONS, "cpu")
     settings = {"num_mini_batches": 1, "freeze_iterations": 0, **settings}

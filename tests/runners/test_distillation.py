@@ -198,7 +198,13 @@ def test_teachers_that_cannot_be_distilled_are_named(teacher):
     cfg["actor"] = cfg["actor"] | {"rnn_hidden_dim": 8}
     with pytest.raises(ValueError, match=r"teacher: .* cannot be distilled: its rnn_hidden_dim: 16, the new"):
         DistillRunner(DepthEnv(), cfg)
-    for groups in (["proprio", "goal"], ["proprio", "depth"]):
+    for groups in (
+        ["proprio", "goal"],
+        ["proprio", "depth"],
+        ["proprio", "object_start"],
+        ["proprio", "object", "scandots"],
+        ["proprio", "object", "depth"],
+    ):
         with pytest.raises(ValueError, match=f"teacher: it reads {', '.join(groups)}; a teacher reads one"):
             student_config({"obs_groups": groups, "actor": {}}, {})
 

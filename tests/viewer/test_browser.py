@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from viewer_worlds import POOL, SCENE, snapshot
+from viewer_worlds import POOL, SCENE, pick_snapshot, snapshot
 
 from spin_rl.benchmark.policies import ZeroPolicy
 from spin_rl.config import ConfigError
@@ -137,3 +137,19 @@ def test_a_taken_port_is_an_error_that_names_it():
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"port: cannot listen on 127.0.0.1:{port}"):
             Browser("127.0.0.1", port)
+
+
+def test_the_object_moves_and_a_new_one_replaces_it(server):
+    stage = Stage(POOL, "portrait", with_object=True)
+    view = WorldView(server, stage, "/world_0")
+    first = pick_snapshot("banana", seen=True)
+    view.update(first, np.zeros(2))
+    root = view._object_root
+    assert view._goal is None
+    np.testing.assert_allclose(view._dots[True].points, first.target.pose[None, :3], atol=1e-6)
+    moved = replace(first, target=replace(first.target, pose=np.array((1.0, 0.9, 1.1, 1.0, 0.0, 0.0, 0.0))))
+    view.update(moved, np.zeros(2))
+    assert view._object_root is root
+    np.testing.assert_allclose(root.position, (1.0, 0.9, 1.1))
+    view.update(pick_snapshot("mug"), np.zeros(2))
+    assert view._object_root is not root

@@ -4,11 +4,11 @@ import sys
 import mujoco
 import numpy as np
 import pytest
-from viewer_worlds import SCENE, snapshot
+from viewer_worlds import SCENE, pick_snapshot, snapshot
 
 from spin_rl.cli import play
 from spin_rl.scenes.builder import native_model
-from spin_rl.viewer.native import draw_scandots
+from spin_rl.viewer.native import draw_scandots, pose
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,8 @@ from spin_rl.viewer.native import draw_scandots
         (["policy=zero", "port=http"], "port: expected a whole number"),
         (["policy=zero", "world=-1"], "world: expected a whole number from 0 to 19999, got -1"),
         (["policy=zero", "world=3", "scene=lab.yaml"], "world: a scene file is the same in every world"),
+        (["policy=zero", "task=pick", "world=3"], "world: 3 needs a policy of task=nav"),
+        (["policy=nav-cvo", "task=pick", "viewer=none"], "policy: nav-cvo was trained with task=nav"),
         (["policy=zero", "device=tpu"], "device: unknown device 'tpu'"),
         (["policy=zero", "viewer=none", "scene=missing.yaml"], "scene: there is no file missing.yaml"),
         (["policy=zero", "viwer=none"], "viwer"),
@@ -72,3 +74,14 @@ def test_native_window_gets_a_mark_per_scandot_and_the_goal():
     np.testing.assert_allclose(scene.geoms[0].pos, state.scandots.points[0], atol=1e-6)
     np.testing.assert_allclose(scene.geoms[2].pos[:2], SCENE.goal)
     assert scene.geoms[0].rgba[0] > 0.8 > scene.geoms[1].rgba[0]
+
+
+def test_native_window_marks_the_object_and_no_goal():
+    state = pick_snapshot()
+    model = native_model(SCENE, obj=state.target.what)
+    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=50)
+    pose(model, data, state)
+    np.testing.assert_allclose(data.body("object").xpos, state.target.pose[:3])
+    draw_scandots(scene, state)
+    assert scene.ngeom == 1
+    np.testing.assert_allclose(scene.geoms[0].pos, state.target.pose[:3], atol=1e-6)

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from viewer_worlds import SCENE, snapshot
 
+from spin_rl import robot
 from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.params import GeneratorParams
 from spin_rl.sensors.depth_filter import DepthFilterConfig
 from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.pick import PickEnv
+from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
 from spin_rl.viewer.rollout import Player, scandots_of
 from spin_rl.viewer.video import play
@@ -136,3 +139,27 @@ def test_plots_of_an_episode(tmp_path):
     files = write_plots(tmp_path / "new", [episode, episode], "zero")
     assert [file.name for file in files] == ["episode_001.png", "episode_002.png"]
     assert all(file.stat().st_size > 10_000 for file in files)
+
+
+def test_player_shows_the_object_of_every_episode(device):
+    # Two steps of 0.1 s, then a timeout.
+    env = PickEnv(PickConfig(episode_s=0.2, near_share=(0.0, 0.0)), 2, device)
+    env.set_objects(["mug", "banana"])
+    player = Player(env, ZeroPolicy())
+    first = player.start(1, 2, seed=5)
+    for state in first:
+        assert state.scandots is None and state.qpos.shape == (len(robot.DOF_NAMES),)
+        what = state.target.what
+        np.testing.assert_allclose(state.target.pose[:3], what.start_pose[:3], atol=1e-5)
+        assert state.target.height == pytest.approx(0.0, abs=1e-5) and state.target.force == 0.0
+        np.testing.assert_array_equal(state.marks.points, state.target.pose[None, :3])
+        assert state.marks.seen.tolist() == [state.target.seen]
+    assert [state.target.what.kind for state in first] == ["mug", "banana"]
+    seen = [state.target.seen for state in player.step()]
+    np.testing.assert_array_equal(seen, env.sight.seen.numpy())
+    for world, last in enumerate(player.step()):
+        assert last.outcome == "timeout" and last.target.what is first[world].target.what
+        np.testing.assert_array_equal(last.target.pose, env.final_qpos[world, -7:].cpu().numpy())
+        new = player.snapshots[world].target
+        assert new.what is not last.target.what and new.what.kind == last.target.what.kind
+        np.testing.assert_allclose(new.pose[:3], new.what.start_pose[:3], atol=1e-5)

@@ -1,11 +1,12 @@
 import mujoco
 import numpy as np
 import pytest
-from viewer_worlds import POOL, SCENE, snapshot
+from viewer_worlds import POOL, SCENE, pick_snapshot, snapshot
 
 from spin_rl import robot
 from spin_rl.scenes import kinds
 from spin_rl.scenes.builder import native_model
+from spin_rl.scenes.objects import OBJECT_GEOMS, OBJECTS
 from spin_rl.viewer import style
 from spin_rl.viewer.plan import Plan, footprint
 from spin_rl.viewer.stage import Stage
@@ -112,3 +113,48 @@ def test_plan_shows_goal_walls_and_scandots_at_their_places(stage):
     assert colour(-0.25, 0.15) == style.ROBOT  # a corner of the base, clear of the arm
     up, down = plan.pixels(np.array([[0.0, 0.5], [0.0, -0.5]]))
     assert up[1] < down[1]
+
+
+@pytest.fixture(scope="module")
+def table_stage() -> Stage:
+    return Stage(POOL, "portrait", with_object=True)
+
+
+@pytest.mark.parametrize("kind", OBJECTS)
+def test_objects_are_shaped_and_stand_as_in_a_native_model(table_stage, kind):
+    state = pick_snapshot(kind, base=(0.5, 0.1, -0.4))
+    table_stage.pose(state)
+    model = native_model(SCENE, obj=state.target.what)
+    data = mujoco.MjData(model)
+    data.qpos[:] = [*state.qpos, *state.target.pose]
+    mujoco.mj_forward(model, data)
+    shown = {table_stage.model.geom(geom).name for geom in table_stage.object_geoms}
+    names = {model.geom(geom).name for geom in range(model.ngeom)}
+    assert shown == names & set(OBJECT_GEOMS)
+    for name in names:
+        here = table_stage.data.geom(name)
+        np.testing.assert_allclose(here.xpos, data.geom(name).xpos, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(here.xmat, data.geom(name).xmat, atol=1e-6, err_msg=name)
+    for name in shown:
+        np.testing.assert_allclose(table_stage.model.geom(name).size, model.geom(name).size, atol=1e-9)
+
+
+def test_an_object_in_front_of_the_camera_is_in_the_depth_image(table_stage):
+    table_stage.pose(pick_snapshot("can", pose=(0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0)))
+    empty, camera = table_stage.depth_image(60), table_stage.depth_camera()
+    ahead = camera.pos + 0.5 * camera.mat[:, 2]
+    table_stage.pose(pick_snapshot("can", pose=(*ahead, 1.0, 0.0, 0.0, 0.0)))
+    depth = table_stage.depth_image(60)
+    changed = depth != empty
+    assert changed[30, depth.shape[1] // 2] and 0.43 < depth[changed].min() < 0.5
+    assert not changed[0].any() and not changed[-1].any()
+
+
+def test_only_a_task_with_a_goal_shows_one(table_stage):
+    table_stage.pose(pick_snapshot())
+    assert table_stage.data.geom("goal").xpos[2] < -1.0
+    plans = [Plan(SCENE, 200, 200, whole=whole) for whole in (True, False)]
+    far, near = (np.ptp(plan.pixels(np.array([[0.0, 0.0], [1.0, 0.0]]))[:, 0]) for plan in plans)
+    assert near > far  # pixels of a metre
+    picture = np.asarray(plans[1].draw(table_stage, pick_snapshot(), np.zeros((1, 2))))
+    assert not (picture == style.GOAL).all(-1).any()

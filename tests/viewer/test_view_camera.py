@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from viewer_worlds import POOL, snapshot
 
-from spin_rl.viewer.camera import FollowCamera, PinholeCamera
+from spin_rl.viewer.camera import TABLE_VIEW, FollowCamera, PinholeCamera
 from spin_rl.viewer.stage import Stage
 
 WIDTH, HEIGHT = 320, 200
@@ -87,12 +87,20 @@ def test_placed_view_looks_at_its_target_upright(stage):
     assert pixels[1, 1] < pixels[0, 1] and pixels[1, 0] == pytest.approx(WIDTH / 2)
 
 
-def test_follow_camera_turns_smoothly_and_jumps_after_a_cut():
-    follow = FollowCamera(back=2.0, up=1.5, time_constant=1.0)
+def test_follow_camera_turns_smoothly():
+    follow = FollowCamera(((-2.0, 0.0, 1.5), (0.3, 0.0, 0.4)), time_constant=1.0)
     pos, target = follow.place(np.array([1.0, 2.0, 0.0]), 0.1)
     np.testing.assert_allclose(pos, (-1.0, 2.0, 1.5))
     assert target[0] > 1.0
     turned = np.array([1.0, 2.0, np.pi / 2])
     assert follow.place(turned, 0.1)[0][0] < -0.9  # hardly moved
-    follow.cut()
-    np.testing.assert_allclose(follow.place(turned, 0.1)[0], (1.0, 0.0, 1.5), atol=1e-12)
+    for _ in range(200):
+        pos, target = follow.place(turned, 0.1)
+    np.testing.assert_allclose(pos, (1.0, 0.0, 1.5), atol=1e-6)
+    np.testing.assert_allclose(target, (1.0, 2.3, 0.4), atol=1e-6)
+
+
+def test_the_view_of_a_table_is_from_the_side_of_the_arm():
+    follow = FollowCamera(TABLE_VIEW)
+    pos, target = follow.place(np.array([1.0, 2.0, np.pi / 2]), 0.1)  # right is +x
+    assert target[0] > 1.4 and pos[0] > 1.0 and pos[1] < 1.5

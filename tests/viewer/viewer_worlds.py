@@ -1,10 +1,13 @@
 """Scenes and snapshots that the viewer's tests share."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.viewer.rollout import Scandots, Snapshot
+from spin_rl.scenes.objects import KINDS, SceneObject
+from spin_rl.viewer.rollout import Scandots, Snapshot, Target
 
 POOL = PoolSpec()
 
@@ -37,6 +40,14 @@ def snapshot(time=0.0, base=(0.0, 0.0, 0.0), outcome="running", **joints) -> Sna
         qpos[robot.DOF_NAMES.index(name)] = value
     dots = Scandots(np.array([[1.0, 0.3, 0.2], [1.2, 0.4, 0.0]]), np.array([True, False]))
     return Snapshot(scene=SCENE, episode=0, time=time, qpos=qpos, scandots=dots, outcome=outcome)
+
+
+def pick_snapshot(kind="banana", pose=(1.0, 0.9, 0.8, 0.5, 0.5, 0.5, 0.5), seen=True, **options) -> Snapshot:
+    """An object of nominal size somewhere in the air, in a task without corridors."""
+    half = np.array(KINDS[kind].half_extents)
+    what = SceneObject(kind, half, mass=0.1, friction=1.2, start_pose=np.array([1.0, 0.9, 0.7, 0.0]))
+    target = Target(what, np.array(pose), seen, force=12.0)
+    return replace(snapshot(**options), scandots=None, target=target)
 
 
 SCENE = scene()
