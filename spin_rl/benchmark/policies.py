@@ -9,11 +9,15 @@ import torch
 from tensordict import TensorDict
 
 from spin_rl import robot
+from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.policy import PolicyFactory
 from spin_rl.runners import policy_file
+from spin_rl.tasks.fetch_policy import FetchPolicy
 
 UNTRAINED = ("zero", "random")
+PICKERS = {False: "pick-teacher", True: "pick-depth"}
+"""Which shipped policy picks in a fetch, by whether the one that drives reads images."""
 
 
 class ZeroPolicy:
@@ -66,4 +70,36 @@ def open_policy(name: str) -> tuple[PolicyFactory, dict[str, Any]]:
     return (
         lambda obs, device: policy_file.load_policy(name, obs, device),
         metadata["config"],
+    )
+
+
+def open_fetch_policy(nav: str, pick: str | None) -> tuple[PolicyFactory, dict[str, Any], str]:
+    """Find the two policies of a fetch.
+
+    Args:
+        nav: The one that drives, as of `open_policy`.
+        pick: The one that picks; None takes the shipped one that sees what `nav` sees, images or the object.
+
+    Returns:
+        A function that makes the `FetchPolicy`, what the two were trained with (see `settings.of_fetch`), and
+        the name of the one that picks.
+
+    Raises:
+        ConfigError: There is no such policy, one is of another task, or they do not fit each other.
+    """
+    make_nav, nav_trained = open_policy(nav)
+    if pick is None:
+        pick = PICKERS[bool(nav_trained.get("task", {}).get("depth", {}).get("enabled"))]
+    try:
+        make_pick, pick_trained = open_policy(pick)
+    except ConfigError as error:
+        raise ConfigError(str(error).replace("policy:", "pick:", 1)) from None
+    for key, name, trained, task in (("policy", nav, nav_trained, "nav"), ("pick", pick, pick_trained, "pick")):
+        own = trained.get("task", {}).get("name", task)
+        if own != task:
+            raise ConfigError(f"{key}: {name} was trained with task={own}; a fetch needs one of task={task}")
+    return (
+        lambda obs, device: FetchPolicy(make_nav(obs, device), make_pick(obs, device)),
+        settings.of_fetch(nav_trained, pick_trained),
+        pick,
     )

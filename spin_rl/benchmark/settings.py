@@ -10,6 +10,7 @@ import hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
+from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.config import TaskConfig
 
@@ -48,6 +49,34 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
         if value is not None and not by_user:
             OmegaConf.update(result, key, value, force_add=True)
     return result
+
+
+def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
+    """Join what the two policies of a fetch were trained with, for `for_policy`.
+
+    Args:
+        nav: Configuration of the navigation policy's training, nested; empty for one that learned nothing.
+        pick: Of the pick policy's.
+
+    Raises:
+        ConfigError: They were trained for different robots, cameras or depth filters; one robot has one each.
+    """
+    sources = [OmegaConf.create(dict(trained)) for trained in (nav, pick)]
+    sees = [bool(OmegaConf.select(source, "task.depth.enabled")) for source in sources]
+    joint = OmegaConf.create({"task": {"depth": {"enabled": any(sees)}}})
+    for source in sources:
+        for section in ("scandots", "sight", "manipulation"):
+            values = OmegaConf.select(source, f"task.{section}")
+            if values is not None:
+                OmegaConf.update(joint, f"task.{section}", values, force_add=True)
+    for key in ("robot.profile", "task.camera_mount", "task.camera_pose", "depth.filter"):
+        users = [source for source, depth in zip(sources, sees, strict=True) if depth or key != "depth.filter"]
+        values = [OmegaConf.select(source, key) for source in users if source]
+        if any(value != values[0] for value in values):
+            raise ConfigError(f"pick: {key} is {values[1]} there and {values[0]} in the policy that drives")
+        if values and values[0] is not None:
+            OmegaConf.update(joint, key, values[0], force_add=True)
+    return OmegaConf.to_container(joint)  # type: ignore[return-value]
 
 
 def conditions(overrides: Sequence[str]) -> list[str]:

@@ -21,7 +21,9 @@ from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, Re
 from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.distill import DistillRunner, check_distillation
 from spin_rl.runners.distillation import student_config
-from spin_rl.runners.policy_file import read_policy
+from spin_rl.runners.interface import Camera
+from spin_rl.runners.policy_file import load_policy, read_policy
+from spin_rl.runners.warm_start import copy_model
 from spin_rl.tasks import build
 from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.build import any_config, observation_groups, plain, with_depth
@@ -61,11 +63,27 @@ def distill(cfg: DictConfig) -> None:
         with closing(_make_runner(values["mode"], make, learning, run_dir, device, values)) as runner:
             if checkpoint is not None:
                 run_folder.report_changes(runner.load(checkpoint), values)
+            elif values["init"] is not None:
+                _start_from(runner, values["init"])
             run_folder.write_config(run_dir, values)
             summary = runner.train(values["max_iterations"], values["max_minutes"])
     except CollectorError as error:
         sys.exit(f"spin-distill: error: {error}")
     run_folder.write_results(run_dir, summary, values, device)
+
+
+def _start_from(runner: DistillRunner, source: str) -> None:
+    """Let the student begin as another policy, one that sees what it sees or what its teacher does.
+
+    Raises:
+        ConfigError: There is no such policy, or it does not fit; one line that says why.
+    """
+    try:
+        notes = copy_model(runner.alg.student, load_policy(source), Camera())
+    except (FileNotFoundError, ValueError) as error:
+        raise ConfigError(f"init: {source} cannot start the student: {error}") from None
+    if common.is_main_process():
+        print(f"Initialized from {source}: {notes}", flush=True)
 
 
 def make_env(task: NavConfig | PickConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
@@ -101,6 +119,8 @@ def _configure(cfg: DictConfig) -> dict[str, Any]:
         teacher = read_policy(source)[1]
     except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"teacher: {error}") from None
+    if cfg.init is not None and not isinstance(cfg.init, str):
+        raise ConfigError(f"init: expected the name or path of a policy, got {cfg.init!r}")
     values = plain(settings.for_policy(cfg, teacher["config"], HydraConfig.get().overrides.task))
     task = values["task"]["name"]
     task_choice.check_task(source, teacher["config"], task, "teacher")

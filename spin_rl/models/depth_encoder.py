@@ -23,6 +23,8 @@ class DepthEncoderConfig:
         kernels: Side of the square kernel of each convolution.
         strides: Its stride.
         hidden: Outputs of the fully connected layers before the latent's.
+        reads_flat: The fully connected layers also read the model's flat groups. Where a pixel is in the base
+            frame depends on how the head is turned, which `proprio` tells.
     """
 
     image: tuple[int, int] = (87, 58)
@@ -30,6 +32,7 @@ class DepthEncoderConfig:
     kernels: tuple[int, ...] = (8, 4, 3)
     strides: tuple[int, ...] = (4, 2, 1)
     hidden: tuple[int, ...] = (128, 64)
+    reads_flat: bool = False
 
     def __post_init__(self) -> None:
         """Reject layers that do not fit each other or the image."""
@@ -63,7 +66,8 @@ class DepthEncoder(nn.Module):
     Source: SPIN supplement, network architecture (58 x 87 pixels, 3 convolutions, 3 fully connected layers).
     """
 
-    def __init__(self, cfg: DepthEncoderConfig, latent: int = 16) -> None:
+    def __init__(self, cfg: DepthEncoderConfig, latent: int = 16, num_flat: int = 0) -> None:
+        """Build the layers; `num_flat` numbers are read beside the image if the configuration says so."""
         super().__init__()
         self.cfg = cfg
         self.latent = latent
@@ -74,19 +78,29 @@ class DepthEncoder(nn.Module):
             channels = width
         self.convolutions = nn.Sequential(*layers)
         rows, columns = cfg.map_size
-        self.mlp = token_mlp(channels * rows * columns, cfg.hidden, latent, "relu")
+        num_inputs = channels * rows * columns + (num_flat if cfg.reads_flat else 0)
+        self.mlp = token_mlp(num_inputs, cfg.hidden, latent, "relu")
 
-    def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """Encode images (..., rows * columns), uint8, as (..., latent)."""
+    def forward(self, images: torch.Tensor, flat: torch.Tensor | None = None) -> torch.Tensor:
+        """Encode images as (..., latent).
+
+        Args:
+            images: Shape (..., rows * columns), uint8.
+            flat: Flat inputs, normalized, shape (..., num_flat); None where they are not read.
+        """
         batch = images.shape[:-1]
         rows, columns = self.cfg.image
         pixels = images.reshape(-1, rows, columns, 1).to(self.mlp[0].weight.dtype) / 255.0  # type: ignore
         # Strides of channels-last memory, for which convolutions learn faster on the CPU.
-        maps = self.convolutions(pixels.permute(0, 3, 1, 2))
-        return self.mlp(maps.flatten(1)).view(*batch, self.latent)
+        features = self.convolutions(pixels.permute(0, 3, 1, 2)).flatten(1)
+        if self.cfg.reads_flat and flat is not None:
+            features = torch.cat((features, flat.flatten(0, -2)), -1)
+        return self.mlp(features).view(*batch, self.latent)
 
 
-def make_depth_encoder(values: Mapping[str, Any], group: str, size: int, latent: int) -> DepthEncoder:
+def make_depth_encoder(
+    values: Mapping[str, Any], group: str, size: int, latent: int, num_flat: int
+) -> DepthEncoder:
     """Build the encoder of an observation group.
 
     Args:
@@ -94,6 +108,7 @@ def make_depth_encoder(values: Mapping[str, Any], group: str, size: int, latent:
         group: Name of the group.
         size: Its numbers per environment.
         latent: Size of the latent.
+        num_flat: Size of the model's flat groups together.
 
     Raises:
         ConfigError: A setting is unknown or impossible.
@@ -104,4 +119,4 @@ def make_depth_encoder(values: Mapping[str, Any], group: str, size: int, latent:
         raise ValueError(
             f"Observation group '{group}' has {size} pixels; depth_encoder.image is {cfg.image}."
         )
-    return DepthEncoder(cfg, latent)
+    return DepthEncoder(cfg, latent, num_flat)

@@ -82,7 +82,9 @@ class ScandotModel(MLPModel):
         for group in filter(is_encoded, groups):
             size = obs[group].shape[-1]
             if is_depth(group):
-                encoders[group] = make_depth_encoder(depth_encoder or {}, group, size, scandot_latent)
+                encoders[group] = make_depth_encoder(
+                    depth_encoder or {}, group, size, scandot_latent, self.obs_dim
+                )
             else:
                 encoders[group] = make_scandot_encoder(encoder, group, size, encoder_hidden, scandot_latent)
         self.encoders = nn.ModuleDict(encoders)
@@ -128,12 +130,14 @@ class ScandotModel(MLPModel):
 
     def encode(self, obs: TensorDict | Mapping[str, torch.Tensor]) -> torch.Tensor:
         """Concatenate the normalized flat groups and, last, the latents."""
-        flat = torch.cat([obs[group] for group in self.obs_groups], dim=-1)
+        flat = self.obs_normalizer(torch.cat([obs[group] for group in self.obs_groups], dim=-1))
         latents = [
-            encoder(obs[group] if is_depth(group) else obs[group].unflatten(-1, (-1, TOKEN_DIM)))
+            encoder(obs[group], flat)
+            if is_depth(group)
+            else encoder(obs[group].unflatten(-1, (-1, TOKEN_DIM)))
             for group, encoder in self.encoders.items()
         ]
-        return torch.cat([self.obs_normalizer(flat), *latents], dim=-1)
+        return torch.cat([flat, *latents], dim=-1)
 
     def decode(
         self,

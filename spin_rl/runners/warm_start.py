@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import torch
 from torch import nn
 
 from spin_rl.models import ScandotModel
+from spin_rl.models.depth_encoder import DepthEncoder
 from spin_rl.models.groups import is_depth, is_seen
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
@@ -102,7 +104,7 @@ def copy_model(
         raise ValueError("it does not normalize, so the effect of its camera's pose cannot be taken out")
     for own, other in scandots.items():
         if is_depth(own) == is_depth(other):
-            target.encoders[own].load_state_dict(source.encoders[other].state_dict())
+            _copy_encoder(target.encoders[own], source.encoders[other])
         else:
             notes.append(f"new encoder of {own}")
 
@@ -172,6 +174,15 @@ def _match_inputs(
     return columns, notes
 
 
+def _copy_encoder(target: nn.Module, source: nn.Module) -> None:
+    """Copy an encoder; inputs of its first linear layer that the source has not become columns of zeros."""
+    state = dict(source.state_dict())
+    for name, value in target.state_dict().items():
+        if value.shape != state[name].shape:
+            state[name] = torch.cat((state[name], torch.zeros_like(value[:, state[name].shape[1] :])), 1)
+    target.load_state_dict(state)
+
+
 def _check(target: ScandotModel, source: ScandotModel) -> None:
     """Reject architectures of which one cannot act as the other."""
     if source.is_recurrent and not target.is_recurrent:
@@ -194,8 +205,15 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
             [_shape(e.mlp), _linear(e.mlp)[0].in_features]  # type: ignore
             for e in (target.encoders[own], source.encoders[other])
         ]
+        if is_depth(own) and _only_adds_flat(target.encoders[own], source.encoders[other]):
+            continue
         if layers[0] != layers[1]:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
+
+
+def _only_adds_flat(target: DepthEncoder, source: DepthEncoder) -> bool:
+    """Whether an encoder is another one that reads the flat groups as well."""
+    return target.cfg == replace(source.cfg, reads_flat=True)
 
 
 def _head_columns(target: ScandotModel, source: ScandotModel, inputs: Columns) -> Columns:

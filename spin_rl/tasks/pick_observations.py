@@ -54,10 +54,13 @@ class PickNoise(ProprioNoise):
     """Sensor noise in training, standard deviations of zero-mean normal noise.
 
     Attributes:
-        object_m: Of every coordinate of o_i and of o_t [m].
+        object_m: Of every coordinate of o_i and of o_t, drawn in every step [m].
+        object_start_m: Of every coordinate of o_i, drawn once an episode: what a detector errs at the start
+            stays [m].
     """
 
     object_m: float = 0.0
+    object_start_m: float = 0.0
 
 
 class PickObservations(Proprioception):
@@ -99,12 +102,13 @@ class PickObservations(Proprioception):
         self._length, self._held = length, held
         self._max_length, self._hold_steps = max_length, hold_steps
         self._finger = robot.JOINTS.index("gripper_finger")
+        self._start_error = torch.zeros(sim.nworld, 3, device=sim.device)
 
     def compute(self) -> TensorDict:
         """Return new tensors of all groups; noise is drawn anew at every call."""
         gripper = self._site_mat[:, self._eef]
         grip = self._views.target - joints(self._views.qpos)
-        start = self._in_base(self._object.start_pose[:, :3])
+        start = self._in_base(self._object.start_pose[:, :3] + self._start_errors())
         groups = {
             "proprio": self.proprio(),
             "hand": torch.cat((self._axes_in_base(gripper), grip[:, self._finger : self._finger + 1]), -1),
@@ -115,6 +119,14 @@ class PickObservations(Proprioception):
         if self._depth is not None:
             groups["depth"] = self._depth.observe()
         return TensorDict(groups, batch_size=[self._sim.nworld])
+
+    def _start_errors(self) -> torch.Tensor:
+        """Return what is wrong with o_i in this episode [m], world, shape (num_envs, 3)."""
+        scale = self._noise.object_start_m
+        if scale > 0.0:
+            drawn = self.perturbed(torch.zeros_like(self._start_error), scale)
+            self._start_error = torch.where((self._length == 0)[:, None], drawn, self._start_error)
+        return self._start_error
 
     def _in_base(self, point_w: torch.Tensor) -> torch.Tensor:
         """Turn world points (num_envs, 3) into the base frame."""
