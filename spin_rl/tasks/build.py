@@ -15,7 +15,7 @@ from spin_rl.scenes.params import GeneratorParams
 from spin_rl.scenes.tabletop_params import TabletopParams
 from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.sim import SimConfig
-from spin_rl.tasks import nav, pick, pick_rewards, rewards
+from spin_rl.tasks import fetch, nav, pick, pick_rewards, rewards
 from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.config import NavConfig
 from spin_rl.tasks.depth import image_shape
@@ -74,9 +74,10 @@ def fetch_config(cfg: DictConfig | Mapping[str, Any]) -> FetchConfig:
     return _task_config(cfg, "fetch", FetchConfig, FetchSceneParams, ())
 
 
-def any_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig | PickConfig:
+def any_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig | PickConfig | FetchConfig:
     """Build the configuration of the task that `task.name` names; see `env_config`."""
-    return pick_config(cfg) if cfg["task"]["name"] == "pick" else env_config(cfg)
+    builders = {"pick": pick_config, "fetch": fetch_config}
+    return builders.get(cfg["task"]["name"], env_config)(cfg)
 
 
 def observation_groups(task: str) -> tuple[str, ...]:
@@ -84,10 +85,12 @@ def observation_groups(task: str) -> tuple[str, ...]:
     return (*(PICK_GROUPS if task == "pick" else GROUPS), *OPTIONAL_GROUPS)
 
 
-def make_env(cfg: NavConfig | PickConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
+def make_env(cfg: NavConfig | PickConfig | FetchConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
     """Start a task in a number of worlds on a device."""
     if isinstance(cfg, PickConfig):
         return pick.PickEnv(cfg, num_envs, device, seed=seed)
+    if isinstance(cfg, FetchConfig):
+        return fetch.FetchEnv(cfg, num_envs, device, seed=seed)
     return nav.NavEnv(cfg, num_envs, device, seed=seed)
 
 
