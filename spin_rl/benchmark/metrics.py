@@ -84,9 +84,11 @@ class PickEpisodes(Episodes):
 
     Attributes:
         distance: From the grasp centre to the object at the end [m], shape (n,).
+        hard_peak: Largest force of a part other than the fingers on the scene [N], shape (n,).
     """
 
     distance: np.ndarray
+    hard_peak: np.ndarray
 
 
 def _rates(episodes: Episodes, control_period: float) -> dict[str, Any]:
@@ -145,9 +147,10 @@ def summarize_picks(episodes: PickEpisodes, control_period: float) -> dict[str, 
         control_period: Duration of a control step [s].
 
     Returns:
-        As `summarize`, with `dropped_rate`; `collision_rate` is that of hits of table, wall or box by another
-        part than the fingers. `causes` are `table hit`, `dropped`, `timeout` and `non_finite`, which sum to 1
-        where anything failed.
+        As `summarize`, with `dropped_rate` and `untouched_rate`: the share of all episodes that succeeded and
+        in which no part but the fingers touched the scene at all. `collision_rate` is that of hits of table,
+        wall or box by another part than the fingers. `causes` are `table hit`, `dropped`, `timeout` and
+        `non_finite`, which sum to 1 where anything failed.
     """
     outcomes = {
         "table hit": episode.COLLISION,
@@ -156,7 +159,9 @@ def summarize_picks(episodes: PickEpisodes, control_period: float) -> dict[str, 
         "non_finite": episode.NON_FINITE,
     }
     causes = {name: episodes.outcome == outcome for name, outcome in outcomes.items()}
+    untouched = (episodes.outcome == episode.SUCCESS) & (episodes.hard_peak == 0.0)
     return _rates(episodes, control_period) | {
+        "untouched_rate": float(untouched.mean()),
         "dropped_rate": float(causes["dropped"].mean()),
         "final_distance_m": float(episodes.distance.mean()),
         "causes": _shares_of_failures(episodes, causes),

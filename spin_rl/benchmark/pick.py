@@ -106,7 +106,8 @@ def run_objects(
 
     def measure() -> dict[str, torch.Tensor]:
         assert env.last_transition is not None
-        return {"distance": env.last_transition.distance}
+        step = env.last_transition
+        return {"distance": step.distance, "hard_peak": step.hard_peak}
 
     queue = np.arange(episodes) % len(kinds)
     everything = run_rounds(

@@ -14,11 +14,12 @@ def table(result: dict[str, Any]) -> str:
     heading = title("Pick", result, f"{overall['episodes']} episodes")
     in_paper = "scene" not in result and len(result["rows"]) > 1
     columns = PAPER_ROWS if in_paper else ()
-    header = ["object", "success", "95%", "time", "episodes", *columns, "failures by cause"]
+    header = ["object", "success", "95%", "time", "untouched", "episodes", *columns, "failures by cause"]
     lines = []
     for name, row in [("all", overall), *((row["object"], row) for row in result["rows"])]:
         beside = [paper_figures(paper.PICK[method]) if row is overall else "" for method in columns]
-        lines.append([name, *figures(row), str(row["episodes"]), *beside, main_causes(row)])
+        untouched = f"{row['untouched_rate']:.2f}"
+        lines.append([name, *figures(row), untouched, str(row["episodes"]), *beside, main_causes(row)])
     return "\n".join([heading, *align([header, *lines]), notes(result, in_paper)])
 
 

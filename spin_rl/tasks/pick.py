@@ -110,6 +110,7 @@ class PickEnv(TaskEnv):
         self._progress.length = self._episode_length
         self._progress.held = wp.zeros(n, dtype=wp.int32)
         self._progress.succeeded = wp.zeros(n, dtype=bool)
+        self._progress.hard_peak = wp.zeros(n, dtype=float)
         self._progress.level = self._level
         self._forces = pick_episode.Forces()
         self._forces.finger = sim.grasp.finger_force
@@ -217,6 +218,7 @@ class PickEnv(TaskEnv):
             finger=step.finger,
             finger_force=step.finger_force,
             table_force=step.table_force,
+            hard_peak=step.hard_peak,
             inside=step.inside,
             grasped=step.grasped,
             pressed=step.pressed,

@@ -68,6 +68,7 @@ class StepArrays:
     finger: wp.array[float]
     finger_force: wp.array2d[float]
     table_force: wp.array[float]
+    hard_peak: wp.array[float]
     inside: wp.array[wp.bool]
     grasped: wp.array[wp.bool]
     pressed: wp.array[wp.bool]
@@ -79,11 +80,17 @@ class StepArrays:
 
 @wp.struct
 class Progress:
-    """How far the running episode of each world is; see `PickState`."""
+    """How far the running episode of each world is.
+
+    `length` counts its control steps, `held` those with the object held up until now, `succeeded` tells
+    whether there was a success, `hard_peak` is the largest force of a part other than the fingers on the
+    scene [N].
+    """
 
     length: wp.array[int]
     held: wp.array[int]
     succeeded: wp.array[wp.bool]
+    hard_peak: wp.array[float]
     level: wp.array[float]
 
 
@@ -181,7 +188,8 @@ def _end_picks(
         lifted = height > rules.lift and out.grasped[w] and not forces.support[w]
         progress.held[w] = wp.where(lifted, progress.held[w] + 1, 0)
         out.success[w] = progress.held[w] >= rules.hold_steps
-        if out.success[w]:
+        # Who hits something in the step of the first success has not succeeded.
+        if out.success[w] and not out.collision[w]:
             progress.succeeded[w] = True
         # At the start the object stands on the table.
         out.dropped[w] = height + half_extents[w][2] < -rules.fall
@@ -196,6 +204,8 @@ def _end_picks(
             out.time_out[w] = True
         if outcome != RUNNING and progress.succeeded[w]:
             outcome = SUCCESS
+    progress.hard_peak[w] = wp.max(progress.hard_peak[w], forces.hard[w])
+    out.hard_peak[w] = progress.hard_peak[w]
     outcome_out[w] = outcome
     done_out[w] = outcome != RUNNING
     if outcome == SUCCESS:
@@ -240,6 +250,7 @@ def _begin_picks(
     progress.length[w] = 0
     progress.held[w] = 0
     progress.succeeded[w] = False
+    progress.hard_peak[w] = 0.0
     forces.finger[w, 0] = 0.0
     forces.finger[w, 1] = 0.0
     forces.table[w] = 0.0
@@ -261,6 +272,7 @@ class StepViews:
     finger: torch.Tensor
     finger_force: torch.Tensor
     table_force: torch.Tensor
+    hard_peak: torch.Tensor
     inside: torch.Tensor
     grasped: torch.Tensor
     pressed: torch.Tensor

@@ -30,6 +30,8 @@ class PickTransition(Motion):
         finger: Mean angle of the two fingers [rad], shape (num_envs,).
         finger_force: Force of the left and the right fingertip on the object [N], shape (num_envs, 2).
         table_force: Force of the fingers on the scene [N], shape (num_envs,).
+        hard_peak: Largest force of the other parts on the scene so far in the episode [N], shape
+            (num_envs,).
         inside: Whether the object is between the fingers, shape (num_envs,), bool.
         grasped: Whether both fingers press on the object, hard enough together, shape (num_envs,), bool.
         pressed: Whether the fingers together press hard enough, shape (num_envs,), bool.
@@ -41,6 +43,7 @@ class PickTransition(Motion):
     finger: torch.Tensor
     finger_force: torch.Tensor
     table_force: torch.Tensor
+    hard_peak: torch.Tensor
     inside: torch.Tensor
     grasped: torch.Tensor
     pressed: torch.Tensor

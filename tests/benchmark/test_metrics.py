@@ -91,9 +91,11 @@ def test_paper_rows_are_complete():
 def test_summary_of_picks_tells_every_way_to_fail():
     outcomes = ["SUCCESS", "SUCCESS", "COLLISION", "TIMEOUT", "TIMEOUT", "NON_FINITE"]
     numbers = [getattr(episode, name) for name in outcomes] + [pick_episode.DROPPED] * 2
-    episodes = PickEpisodes(np.array(numbers), np.arange(10, 90, 10), np.linspace(0.0, 0.7, 8))
+    hard = np.array([0.0, 0.2, 35.0, 0.0, 4.0, 0.0, 0.0, 0.0])
+    episodes = PickEpisodes(np.array(numbers), np.arange(10, 90, 10), np.linspace(0.0, 0.7, 8), hard)
     row = summarize_picks(episodes, control_period=0.1)
     assert row["success_rate"] == pytest.approx(2 / 8) and row["episodes"] == 8
+    assert row["untouched_rate"] == 1 / 8  # the first: the second touched, and the others failed
     assert row["ci95"] == pytest.approx(wilson_interval(2, 8))
     assert row["duration_s"] == pytest.approx(1.5) and row["duration_all_s"] == pytest.approx(4.5)
     assert (row["collision_rate"], row["dropped_rate"], row["timeout_rate"]) == (1 / 8, 2 / 8, 2 / 8)

@@ -67,6 +67,10 @@ DOWN, UP = -0.2, 0.11
         (Left(UP, GRASP, held=8), episode.RUNNING, None),
         (Left(UP, GRASP, held=9), episode.RUNNING, episode.SUCCESS),
         (Left(UP, GRASP, held=9, length=69), episode.SUCCESS, None),
+        (Left(UP, GRASP, hard=31.0, held=9), episode.COLLISION, None),
+        (Left(UP, GRASP, hard=31.0, held=9, length=69), episode.COLLISION, None),
+        (Left(UP, GRASP, hard=29.0, held=9), episode.RUNNING, episode.SUCCESS),
+        (Left(UP, GRASP, hard=31.0, held=12, succeeded=True), episode.SUCCESS, None),
         (Left(0.09, GRASP, held=9), episode.RUNNING, None),
         (Left(UP, (5.5, 4.0), held=9), episode.RUNNING, None),
         (Left(UP, (12.0, 0.9), held=9), episode.RUNNING, None),
@@ -104,3 +108,17 @@ def test_what_a_step_says(env):
     assert step.collision.all() and not step.dropped.any() and not step.success.any()
     qpos = env.sim.views.qpos
     assert step.finger.tolist() == pytest.approx(qpos[:, 9:11].mean(-1).tolist(), abs=1e-6)
+
+
+def test_the_largest_hard_force_is_kept_until_the_episode_ends(env):
+    env.reset()
+    seen = []
+    for hard in (0.0, 3.0, 12.0, 5.0):
+        end(env, Left(hard=hard))
+        seen.append(env._transition(torch.zeros(2, 10)).hard_peak.tolist())
+    assert seen == [[0.0] * 2, [3.0] * 2, [12.0] * 2, [12.0] * 2]
+    # The other world's goes on.
+    with wp.ScopedDevice(env.device):
+        env._launch_reset(wp.array([True, False], dtype=bool))
+    end(env, Left(hard=2.0))
+    assert env._transition(torch.zeros(2, 10)).hard_peak.tolist() == [2.0, 12.0]

@@ -17,7 +17,7 @@ NO, YES = torch.zeros(2, dtype=torch.bool), torch.tensor([False, True])
 
 def transition(**values) -> pick_rewards.PickTransition:
     """Two worlds in which nothing happens, but for the given values."""
-    quiet = {name: torch.zeros(2) for name in ("height", "finger", "table_force")}
+    quiet = {name: torch.zeros(2) for name in ("height", "finger", "table_force", "hard_peak")}
     quiet |= {name: NO for name in ("success", "collision", "inside", "grasped", "pressed", "dropped")}
     quiet |= {"qvel": torch.zeros(2, 19), "action": torch.zeros(2, 10), "last_action": torch.zeros(2, 10)}
     quiet |= {"distance": torch.full((2,), 0.4), "finger_force": torch.zeros(2, 2)}
@@ -81,6 +81,7 @@ def random_transition(n=64):
         finger=0.65 * draw(n) - 0.05,
         finger_force=force,
         table_force=40 * draw(n),
+        hard_peak=torch.zeros(n),
         inside=draw(n) > 0.5,
         grasped=(force.sum(-1) > 10) & (force.min(-1).values > 1),
         pressed=force.sum(-1) > 10,
