@@ -13,8 +13,9 @@ from spin_rl.benchmark.metrics import Episodes, PickEpisodes, summarize_picks
 from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_rounds, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.objects import OBJECTS
+from spin_rl.tasks.object_choice import ANY_OBJECT
 from spin_rl.tasks.pick import PickEnv
-from spin_rl.tasks.pick_config import ANY_OBJECT, PickConfig
+from spin_rl.tasks.pick_config import PickConfig
 
 
 def evaluate_pick(

@@ -89,11 +89,6 @@ def generate_tabletops(
     )
 
 
-def table_slot(pool: PoolSpec) -> int:
-    """Return the slot of a layout that is the table."""
-    return pool.first_box
-
-
 def _require_pool(pool: PoolSpec) -> None:
     if pool.num_walls < NUM_WALLS:
         raise ValueError(f"pool.num_walls must be at least {NUM_WALLS} for tabletops, got {pool.num_walls}")

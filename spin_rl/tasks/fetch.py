@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 import warp as wp
 from tensordict import TensorDict
@@ -13,7 +11,6 @@ from tensordict import TensorDict
 from spin_rl import robot
 from spin_rl.scenes.corridor import Slots
 from spin_rl.scenes.fetch import generate_fetch_scenes
-from spin_rl.scenes.objects import OBJECTS
 from spin_rl.sensors.object_sight import ObjectSight
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim import Simulation
@@ -23,13 +20,13 @@ from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.fetch_observations import FetchObservations
 from spin_rl.tasks.fetch_results import FetchEpisodes, FetchStatistics, FetchStep, read_record
+from spin_rl.tasks.object_choice import ObjectChoice
 from spin_rl.tasks.observations import NavObservations
-from spin_rl.tasks.pick_config import ANY_OBJECT
 from spin_rl.tasks.pick_episode import Forces
 from spin_rl.tasks.pick_observations import PickNoise, PickObservations
 
 
-class FetchEnv(TaskEnv):
+class FetchEnv(ObjectChoice, TaskEnv):
     """Whole fetches in all worlds at once; what a step does is described in `TaskEnv`.
 
     Actions count in the stages `reach`, `pick` and `carry` (see `fetch_state.py`), in `carry` those of base,
@@ -112,8 +109,7 @@ class FetchEnv(TaskEnv):
         n, sim, period = self.num_envs, self.sim, cfg.sim.control_period
         self._scenario_choice = wp.full(n, cfg.scenario, dtype=wp.int32)
         self._difficulty_choice = wp.full(n, cfg.difficulty, dtype=wp.int32)
-        kind = -1 if cfg.object == ANY_OBJECT else OBJECTS.index(cfg.object)
-        self._kind_choice = wp.full(n, kind, dtype=wp.int32)
+        self._allocate_choice(n, cfg.object)
         self._forces = Forces()
         self._forces.finger = sim.grasp.finger_force
         self._forces.table = sim.grasp.table_force
@@ -221,11 +217,6 @@ class FetchEnv(TaskEnv):
         """
         for choice, values in ((self._scenario_choice, scenario), (self._difficulty_choice, difficulty)):
             wp.to_torch(choice).copy_(torch.as_tensor(values, dtype=torch.int32))
-
-    def set_objects(self, kinds: Sequence[str]) -> None:
-        """Fix the object of every world, one of `objects.OBJECTS` or "any", from its next fetch on."""
-        indices = [-1 if kind == ANY_OBJECT else OBJECTS.index(kind) for kind in kinds]
-        wp.to_torch(self._kind_choice).copy_(torch.tensor(indices, dtype=torch.int32))
 
     def reset(self) -> TensorDict:
         """Start a new fetch in every world, forget the results, and return the first observations."""

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.fetch_params import FetchSceneParams
-from spin_rl.scenes.objects import OBJECTS
 from spin_rl.sim import SimConfig
 from spin_rl.sim.manipulation import ManipulationConfig
 from spin_rl.tasks.config import CurriculumConfig, DynamicsConfig, ScandotsConfig, TaskConfig
 from spin_rl.tasks.fetch_state import STAGES
+from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.observations import NoiseConfig
-from spin_rl.tasks.pick_config import ANY_OBJECT, SightConfig
+from spin_rl.tasks.pick_config import GRASP_SIM, SightConfig
 
 CARRY_JOINTS = ("lift", "arm_extension", "wrist_yaw", "wrist_pitch", "wrist_roll")
 
@@ -99,16 +99,7 @@ class FetchConfig(TaskConfig):
     dynamics: DynamicsConfig = field(
         default_factory=lambda: DynamicsConfig((0.15, 0.15), (0.1, 0.1), (1.0, 1.0))
     )
-    sim: SimConfig = field(
-        default_factory=lambda: SimConfig(
-            timestep=0.0125,
-            substeps=8,
-            iterations=10,
-            ls_iterations=30,
-            contacts_per_world=32,
-            constraints_per_world=160,
-        )
-    )
+    sim: SimConfig = GRASP_SIM
     scene: FetchSceneParams = field(default_factory=FetchSceneParams)
     scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
     sight: SightConfig = field(default_factory=SightConfig)
@@ -134,10 +125,7 @@ class FetchConfig(TaskConfig):
             raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
         if self.difficulty not in (-1, 0, 1, 2):
             raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
-        if self.object != ANY_OBJECT and self.object not in OBJECTS:
-            raise ValueError(
-                f"task.object must be {ANY_OBJECT} or one of {', '.join(OBJECTS)}, got {self.object!r}"
-            )
+        check_object(self.object)
         if self.retries < 0:
             raise ValueError(f"task.retries must not be negative, got {self.retries}")
         unknown = sorted(set(self.carry_moves) - set(CARRY_JOINTS))

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 import warp as wp
 
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
-from spin_rl.scenes.objects import OBJECTS
 from spin_rl.scenes.tabletop import generate_tabletops
 from spin_rl.sensors.object_sight import ObjectSight
 from spin_rl.sim import Simulation
 from spin_rl.tasks import pick_episode, pick_rewards, rewards
 from spin_rl.tasks.base import TaskEnv, with_camera_at
-from spin_rl.tasks.pick_config import ANY_OBJECT, PickConfig
+from spin_rl.tasks.object_choice import ObjectChoice
+from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.tasks.pick_observations import PickObservations
 from spin_rl.tasks.pick_rewards import PickTransition
 from spin_rl.tasks.pick_statistics import PickStatistics
 
 
-class PickEnv(TaskEnv):
+class PickEnv(ObjectChoice, TaskEnv):
     """Picking in all worlds at once; what a step does is described in `TaskEnv`.
 
     The observation groups are documented in `pick_observations.py`, the actions in `sim/targets.py`. An
@@ -102,8 +100,7 @@ class PickEnv(TaskEnv):
 
     def _allocate(self, cfg: PickConfig) -> None:
         n, sim = self.num_envs, self.sim
-        kind = -1 if cfg.object == ANY_OBJECT else OBJECTS.index(cfg.object)
-        self._kind_choice = wp.full(n, kind, dtype=wp.int32)
+        self._allocate_choice(n, cfg.object)
         self._near_share = wp.zeros(n, dtype=float)
         self._step_arrays, self._step_views = pick_episode.make_step_arrays(n, self.device)
         self._progress = pick_episode.Progress()
@@ -192,15 +189,6 @@ class PickEnv(TaskEnv):
         self.sight.update()
         if self.depth is not None:
             self.depth.update()
-
-    def set_objects(self, kinds: Sequence[str]) -> None:
-        """Fix the object of every world, from its next episode on.
-
-        Args:
-            kinds: One of `objects.OBJECTS` or "any" for each world.
-        """
-        indices = [-1 if kind == ANY_OBJECT else OBJECTS.index(kind) for kind in kinds]
-        wp.to_torch(self._kind_choice).copy_(torch.tensor(indices, dtype=torch.int32))
 
     def _before_step(self) -> None:
         self.statistics.before_step()

@@ -5,15 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from spin_rl.scenes.objects import OBJECTS
 from spin_rl.scenes.tabletop_params import TabletopParams
 from spin_rl.sim import SimConfig
 from spin_rl.sim.manipulation import ManipulationConfig
 from spin_rl.tasks import pick_rewards, rewards
 from spin_rl.tasks.config import CurriculumConfig, DynamicsConfig, TaskConfig
+from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.pick_observations import PickNoise
 
-ANY_OBJECT = "any"
+GRASP_SIM = SimConfig(
+    timestep=0.0125,
+    substeps=8,
+    iterations=10,
+    ls_iterations=30,
+    contacts_per_world=32,
+    constraints_per_world=160,
+)
+"""Physics in which fingers hold an object, as in conf/sim/grasp.yaml."""
 
 
 @dataclass(frozen=True)
@@ -77,16 +85,7 @@ class PickConfig(TaskConfig):
     dynamics: DynamicsConfig = field(
         default_factory=lambda: DynamicsConfig((0.15, 0.15), (0.1, 0.1), (1.0, 1.0))
     )
-    sim: SimConfig = field(
-        default_factory=lambda: SimConfig(
-            timestep=0.0125,
-            substeps=8,
-            iterations=10,
-            ls_iterations=30,
-            contacts_per_world=32,
-            constraints_per_world=160,
-        )
-    )
+    sim: SimConfig = GRASP_SIM
     scene: TabletopParams = field(default_factory=TabletopParams)
     sight: SightConfig = field(default_factory=SightConfig)
     noise: PickNoise = field(default_factory=PickNoise)
@@ -98,10 +97,7 @@ class PickConfig(TaskConfig):
         for name in ("lift_m", "hold_s", "grasp_force_n", "finger_force_n", "hard_force_n", "fall_m"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"task.{name} must be positive, got {getattr(self, name)}")
-        if self.object != ANY_OBJECT and self.object not in OBJECTS:
-            raise ValueError(
-                f"task.object must be {ANY_OBJECT} or one of {', '.join(OBJECTS)}, got {self.object!r}"
-            )
+        check_object(self.object)
         for share in self.near_share:
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"task.near_share must be in [0, 1], got {share}")

@@ -16,11 +16,11 @@ from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.object_model import ObjectStart
 from spin_rl.scenes.objects import KINDS, OBJECTS, SceneObject
-from spin_rl.scenes.tabletop import generate_tabletops, table_slot
+from spin_rl.scenes.tabletop import generate_tabletops
 from spin_rl.scenes.tabletop_params import TabletopParams
 
 POOL = PoolSpec()
-TABLE = table_slot(POOL)
+TABLE = POOL.first_box
 PARAMS = TabletopParams()
 NUM_WORLDS = 60
 FIELDS = tuple(ObjectStart.vars)

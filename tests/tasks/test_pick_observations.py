@@ -8,7 +8,6 @@ from nav_worlds import actions, run
 
 from spin_rl import robot
 from spin_rl.scenes.objects import OBJECTS
-from spin_rl.scenes.tabletop import table_slot
 from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.tasks.pick_config import PickConfig, SightConfig
 from spin_rl.tasks.pick_observations import PICK_GROUPS, PRIVILEGED, PickNoise
@@ -90,7 +89,7 @@ def test_privileged(pick_env):
     np.testing.assert_allclose(parts["forces"][:, :2], [[0.2, 1.0]] * 8, atol=1e-6)
     height = sim.object.views.pos[:, 2].numpy() - sim.object.start_pose.numpy()[:, 2]
     np.testing.assert_allclose(parts["heights"][:, 0], 10 * height, atol=1e-5)
-    top = 2 * layout.pos.numpy()[:, table_slot(layout.pool), 2]
+    top = 2 * layout.pos.numpy()[:, layout.pool.first_box, 2]
     np.testing.assert_allclose(parts["heights"][:, 1], top, atol=2e-3)
     np.testing.assert_allclose(parts["half_extents"], 10 * sim.object.half_extents.numpy(), atol=1e-6)
     np.testing.assert_allclose(parts["time"], [[1 - 3 / 70, 0]] * 8, atol=1e-6)
