@@ -253,7 +253,7 @@ def check(values: dict[str, Any]) -> Options:
 def _check_views(options: Options) -> None:
     """Find out about missing packages, displays and folders before anything is compiled."""
     if options.video is not None:
-        from spin_rl.viewer.extras import require
+        from spin_rl.extras import require
         from spin_rl.viewer.video import check_video
 
         require("PIL", "pillow", "viewer", "video")
@@ -269,7 +269,7 @@ def _check_views(options: Options) -> None:
 
         check_native()
     if options.viewer == "viser":
-        from spin_rl.viewer.extras import require
+        from spin_rl.extras import require
 
         require("viser", "viser", "viewer", "viewer")
 

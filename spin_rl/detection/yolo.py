@@ -12,7 +12,7 @@ import numpy as np
 from spin_rl.config import ConfigError
 from spin_rl.detection.interface import Detection
 from spin_rl.detection.yolo_boxes import decode, letterbox, suppress
-from spin_rl.viewer.extras import require
+from spin_rl.extras import require
 
 _INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _FREE_SIZE = 640  # of inputs whose shape the export left open

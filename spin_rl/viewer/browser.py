@@ -15,10 +15,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from spin_rl.config import ConfigError
+from spin_rl.extras import require
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.viewer import style
 from spin_rl.viewer.browser_scene import WorldView
-from spin_rl.viewer.extras import require
 from spin_rl.viewer.labels import progress_label
 from spin_rl.viewer.picture import camera_label, camera_picture
 from spin_rl.viewer.rollout import Player, Snapshot

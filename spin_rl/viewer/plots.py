@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from spin_rl.extras import require
 from spin_rl.scenes import kinds
 from spin_rl.scenes.layout import Scene
 from spin_rl.viewer import style
-from spin_rl.viewer.extras import require
 from spin_rl.viewer.plan import footprint
 from spin_rl.viewer.rollout import Snapshot
 

@@ -12,8 +12,8 @@ import numpy as np
 from PIL import Image
 
 from spin_rl.config import ConfigError
+from spin_rl.extras import require
 from spin_rl.viewer import style
-from spin_rl.viewer.extras import require
 from spin_rl.viewer.rollout import Player, Snapshot
 
 FORMATS = (".mp4", ".gif")

@@ -7,9 +7,9 @@ from PIL import Image
 from viewer_worlds import POOL, snapshot
 
 from spin_rl.config import ConfigError
+from spin_rl.extras import require
 from spin_rl.viewer import style
 from spin_rl.viewer.camera import PinholeCamera
-from spin_rl.viewer.extras import require
 from spin_rl.viewer.overlay import draw_overlays
 from spin_rl.viewer.picture import SIZE, PictureMaker, camera_label, camera_picture, depth_picture
 from spin_rl.viewer.rollout import Scandots

@@ -1,4 +1,4 @@
-"""Optional packages of the viewer."""
+"""Packages that only some commands need."""
 
 from __future__ import annotations
 
