@@ -35,7 +35,8 @@ class Options:
     """What to show, checked.
 
     Attributes:
-        policy: Name or path.
+        policy: Name or path; in a fetch of the one that drives.
+        pick: The one that picks in a fetch; None takes the shipped one that sees what `policy` sees.
         scenario: 1 or 2.
         difficulty: Index into `DIFFICULTIES`.
         episodes: Episodes of a video or of plots.
@@ -53,6 +54,7 @@ class Options:
     """
 
     policy: str
+    pick: str | None
     scenario: int
     difficulty: int
     episodes: int
@@ -85,7 +87,8 @@ def play(cfg: DictConfig) -> None:
     elif options.viewer == "viser":
         from spin_rl.viewer.browser import Browser
 
-        names = _shipped(values["task"]["name"])
+        task = values["task"]["name"]
+        names = _shipped("nav" if task == "fetch" else task)
         with Browser(options.host, options.port) as browser:
             browser.run(
                 lambda name: players.open(name, options.worlds),
@@ -106,7 +109,7 @@ def _shipped(task: str) -> list[str]:
 def _record(players: Players, options: Options) -> None:
     """Play the episodes once, for the video and the plots alike."""
     from spin_rl.viewer import plots
-    from spin_rl.viewer.labels import cell_label, progress_label
+    from spin_rl.viewer.labels import cell_label, progress_label, summary
     from spin_rl.viewer.video import open_video, record
     from spin_rl.viewer.video import play as play_episodes
 
@@ -118,7 +121,7 @@ def _record(players: Players, options: Options) -> None:
         from spin_rl.viewer.stage import stage_of
 
         period = player.env.cfg.sim.control_period
-        maker = PictureMaker(stage_of(player), Path(options.policy).stem, period, options.samples)
+        maker = PictureMaker(stage_of(player), player.title, period, options.samples)
         with common.announced(f"Preparing pictures for {options.video}"):
             maker.draw(player.snapshots[0])
         with open_video(options.video, fps=1.0 / period) as append:
@@ -126,17 +129,15 @@ def _record(players: Players, options: Options) -> None:
     for i, episode in enumerate(episodes):
         last = episode[-1]
         what = f"{progress_label(last)}, {cell_label(last)}"
-        print(f"  episode {i + 1}: {last.outcome} after {last.time:.1f} s, {what}")
-    reached = sum(episode[-1].outcome == "success" for episode in episodes)
-    aim = "reached the goal" if player.snapshots[0].target is None else "held the object up"
-    summary = f"{reached} of {len(episodes)} episodes {aim}"
+        print(f"  episode {i + 1}: {last.cause} after {last.time:.1f} s, {what}")
+    result = summary([episode[-1] for episode in episodes])
     if options.video is not None:
-        print(f"Wrote {options.video}: {summary}")
+        print(f"Wrote {options.video}: {result}")
     if options.plots is not None:
-        files = plots.write_plots(options.plots, episodes, Path(options.policy).stem)
-        print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {summary}")
+        files = plots.write_plots(options.plots, episodes, player.title)
+        print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {result}")
     if options.video is None and options.plots is None:
-        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {summary}")
+        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {result}")
 
 
 class Players:
@@ -161,12 +162,11 @@ class Players:
         Raises:
             ConfigError: There is no such policy, or the scene does not fit it.
         """
-        from spin_rl.benchmark import policies, settings
+        from spin_rl.benchmark import settings
         from spin_rl.viewer.rollout import Player
 
         options = self._options
-        make_policy, trained = policies.open_policy(policy)
-        check_task(policy, trained, self._cfg.task.name)
+        make_policy, trained, title = self._find(policy)
         task = any_config(settings.for_policy(self._cfg, trained, self._overrides))
         idle = settings.unused_depth(task, self._overrides)
         if idle is not None:  # no error: the browser's menu has other policies
@@ -177,9 +177,20 @@ class Players:
             with common.announced(f"Starting {worlds} world{'s' if worlds > 1 else ''} on {options.device}"):
                 self._envs[key] = self._start(task, worlds)
         env = self._envs[key]
-        player = Player(env, make_policy(env.get_observations(), options.device))
+        player = Player(env, make_policy(env.get_observations(), options.device), title)
         player.start(options.scenario, options.difficulty, seed=options.seed)
         return player
+
+    def _find(self, policy: str) -> tuple[Any, dict[str, Any], str]:
+        """Find a policy or the two of a fetch: what makes it, what it was trained with, and its title."""
+        from spin_rl.benchmark import policies
+
+        if self._cfg.task.name == "fetch":
+            make_policy, trained, pick = policies.open_fetch_policy(policy, self._options.pick)
+            return make_policy, trained, f"{Path(policy).stem}, {Path(pick).stem}"
+        make_policy, trained = policies.open_policy(policy)
+        check_task(policy, trained, self._cfg.task.name)
+        return make_policy, trained, Path(policy).stem
 
     def _start(self, task: Any, worlds: int) -> Any:
         """Start the worlds of a task; corridors may be a scene file's, or one of the benchmark's."""
@@ -225,20 +236,22 @@ def check(values: dict[str, Any]) -> Options:
         raise ConfigError(f"world: expected a whole number from 0 to {_MOST_WORLDS - 1}, got {world!r}")
     if world is not None and values["scene_file"] is not None:
         raise ConfigError("world: a scene file is the same in every world")
-    for key in ("video", "plots", "scene_file", "viewer"):
+    for key in ("pick", "video", "plots", "scene_file", "viewer"):
         if values[key] is not None and not isinstance(values[key], str):
             raise ConfigError(f"{key}: expected a name, got {values[key]!r}")
     for key in ("world", "scene_file"):
         if values["task"]["name"] != "nav" and values[key] is not None:
             raise ConfigError(f"{key.removesuffix('_file')}: {values[key]} needs a policy of task=nav")
+    if values["pick"] is not None and values["task"]["name"] != "fetch":
+        raise ConfigError(f"pick: {values['pick']} needs task=fetch")
     video = None if values["video"] is None else Path(values["video"])
     plots = None if values["plots"] is None else Path(values["plots"])
     viewer = values["viewer"] or ("none" if video or plots else "viser")
     if viewer not in VIEWERS:
         raise ConfigError(f"viewer: unknown {viewer!r}; choose from {', '.join(VIEWERS)}")
     options = Options(
-        **{key: values[key] for key in ("policy", "scenario", "episodes", "seed", "samples", "worlds")},
-        **{key: values[key] for key in ("port", "scene_file", "world")},
+        **{key: values[key] for key in ("policy", "pick", "scenario", "episodes", "seed", "samples")},
+        **{key: values[key] for key in ("worlds", "port", "scene_file", "world")},
         difficulty=DIFFICULTIES.index(values["difficulty"]),
         viewer=viewer,
         video=video,

@@ -10,6 +10,7 @@ import contextlib
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -19,9 +20,10 @@ from spin_rl.extras import require
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.viewer import style
 from spin_rl.viewer.browser_scene import WorldView
-from spin_rl.viewer.labels import progress_label
+from spin_rl.viewer.labels import progress_label, target_label
 from spin_rl.viewer.picture import camera_label, camera_picture
-from spin_rl.viewer.rollout import Player, Snapshot
+from spin_rl.viewer.rollout import Player
+from spin_rl.viewer.snapshot import Snapshot
 from spin_rl.viewer.stage import Stage, stage_of
 
 OpenPlayer = Callable[[str], Player]
@@ -215,10 +217,11 @@ def status_text(snapshot: Snapshot) -> str:
     dots, target = snapshot.scandots, snapshot.target
     seen = [] if dots is None else [f"{int(dots.seen.sum())} corners seen"]
     if target is not None:
-        seen.append(f"{target.what.kind} {'' if target.seen else 'not '}seen")
+        seen.append(f"{target.what.kind} {target_label(target)}")
     pan, tilt = (np.degrees(snapshot.joint(name)) for name in ("head_pan", "head_tilt"))
+    stage = "" if snapshot.stage is None else f"{snapshot.stage}, "
     return (
-        f"**{snapshot.time:.1f} s, {snapshot.outcome.replace('_', '-')}**, "
+        f"**{snapshot.time:.1f} s, {stage}{snapshot.outcome.replace('_', '-')}**, "
         f"{progress_label(snapshot)}"
         f"\n\ncamera pan {pan:.0f}°, tilt {tilt:.0f}°, lift {snapshot.joint('lift'):.2f} m, "
         f"{', '.join(seen)}"
@@ -229,16 +232,14 @@ def statistics_text(ended: Sequence[Snapshot]) -> str:
     """Markdown about the episodes that have ended."""
     if not ended:
         return "No episode has ended yet."
-    outcomes = [snapshot.outcome for snapshot in ended]
+    causes = [snapshot.cause.replace("_", "-") for snapshot in ended]
     rows = [
-        f"| {name.replace('_', '-')} | {outcomes.count(name)} | {outcomes.count(name) / len(outcomes):.0%} |"
-        for name in style.OUTCOME
-        if outcomes.count(name)
+        f"| {cause} | {count} | {count / len(causes):.0%} |" for cause, count in Counter(causes).most_common()
     ]
     times = [snapshot.time for snapshot in ended if snapshot.outcome == "success"]
     mean = f"\n\nMean time of the successes: {np.mean(times):.1f} s" if times else ""
     table = "\n".join([f"| {len(ended)} episodes | | |", "|---|---|---|", *rows])
-    return f"{table}{mean}\n\nLast: {outcomes[-1].replace('_', '-')}, {ended[-1].time:.1f} s"
+    return f"{table}{mean}\n\nLast: {causes[-1]}, {ended[-1].time:.1f} s"
 
 
 def _offset(world: int) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.objects import OBJECT_BODY, SceneObject
 from spin_rl.viewer import style
 from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M
-from spin_rl.viewer.rollout import Snapshot, Target
+from spin_rl.viewer.snapshot import Snapshot, Target
 from spin_rl.viewer.stage import VISUAL_GROUP, DepthCamera, Stage
 
 _WALL_OPACITY = 0.28

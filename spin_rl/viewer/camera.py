@@ -64,43 +64,47 @@ class PinholeCamera:
 
 Point = tuple[float, float, float]
 
-DRIVE_VIEW: tuple[Point, Point] = ((-2.1, 0.0, 2.3), (0.35, 0.0, 0.45))
-TABLE_VIEW: tuple[Point, Point] = ((-1.15, -0.3, 1.7), (0.05, -0.6, 0.75))
+View = tuple[Point, Point]
+
+DRIVE_VIEW: View = ((-2.1, 0.0, 2.3), (0.35, 0.0, 0.45))
+TABLE_VIEW: View = ((-1.15, -0.3, 1.7), (0.05, -0.6, 0.75))
 """Where the camera is and what it looks at, from the base: x ahead, y left, height over the floor [m].
 
 The arm reaches to the right."""
 
 
 class FollowCamera:
-    """Goes with the robot, turning smoothly."""
+    """Goes with the robot, turning smoothly, and from one view to another likewise."""
 
-    def __init__(self, view: tuple[Point, Point] = DRIVE_VIEW, time_constant: float = 0.8) -> None:
+    def __init__(self, time_constant: float = 0.8) -> None:
         """Start without a direction.
 
         Args:
-            view: `DRIVE_VIEW`, from behind and above, or `TABLE_VIEW`, close to the gripper.
-            time_constant: Of the direction's low-pass filter [s].
+            time_constant: Of the low-pass filter of direction and view [s].
         """
-        self._view = view
         self._time_constant = time_constant
         self._heading: np.ndarray | None = None
+        self._view = np.zeros((2, 3))
 
-    def place(self, base: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, base: np.ndarray, dt: float, view: View = DRIVE_VIEW) -> tuple[np.ndarray, np.ndarray]:
         """Follow one step.
 
         Args:
             base: Pose of the base (x [m], y [m], yaw [rad]), shape (3,).
             dt: Time since the last call [s].
+            view: `DRIVE_VIEW`, from behind and above, or `TABLE_VIEW`, close to the gripper.
 
         Returns:
             Position of the camera and the point that it looks at [m], world.
         """
-        heading = np.array([np.cos(base[2]), np.sin(base[2])])
+        heading, wanted = np.array([np.cos(base[2]), np.sin(base[2])]), np.array(view)
         if self._heading is not None:
-            heading = self._heading + (heading - self._heading) * (1 - np.exp(-dt / self._time_constant))
+            share = 1 - np.exp(-dt / self._time_constant)
+            wanted = self._view + (wanted - self._view) * share
+            heading = self._heading + (heading - self._heading) * share
             norm = np.linalg.norm(heading)
             heading = heading / norm if norm > 1e-6 else self._heading
-        self._heading = heading
+        self._heading, self._view = heading, wanted
         left = np.array([-heading[1], heading[0]])
-        pos, look_at = (np.array([*(base[:2] + x * heading + y * left), z]) for x, y, z in self._view)
+        pos, look_at = (np.array([*(base[:2] + x * heading + y * left), z]) for x, y, z in wanted)
         return pos, look_at

@@ -12,7 +12,8 @@ import numpy as np
 from spin_rl.config import ConfigError
 from spin_rl.scenes.builder import native_model
 from spin_rl.viewer import style
-from spin_rl.viewer.rollout import Player, Snapshot
+from spin_rl.viewer.rollout import Player
+from spin_rl.viewer.snapshot import Snapshot
 from spin_rl.viewer.video import play
 
 _DOT_RADIUS_M = 0.025
@@ -53,7 +54,7 @@ def show(player: Player) -> None:
                 if not window.is_running():
                     return
                 time.sleep(max(0.0, due - time.monotonic()))
-        print(f"  {snapshot.outcome} after {snapshot.time:.1f} s", flush=True)
+        print(f"  {snapshot.cause} after {snapshot.time:.1f} s", flush=True)
 
 
 def pose(model: mujoco.MjModel, data: mujoco.MjData, snapshot: Snapshot) -> None:

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw
 
 from spin_rl.viewer import style
 from spin_rl.viewer.camera import PinholeCamera
-from spin_rl.viewer.rollout import Scandots
+from spin_rl.viewer.snapshot import Scandots
 from spin_rl.viewer.stage import DepthCamera
 
 FRUSTUM_LENGTH_M = 1.0

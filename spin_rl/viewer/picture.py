@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.viewer import style
-from spin_rl.viewer.camera import DRIVE_VIEW, TABLE_VIEW, FollowCamera
+from spin_rl.viewer.camera import DRIVE_VIEW, TABLE_VIEW, FollowCamera, View
 from spin_rl.viewer.labels import cell_label, progress_label
 from spin_rl.viewer.overlay import draw_overlays
 from spin_rl.viewer.plan import Plan
 from spin_rl.viewer.renderer import Renderer
-from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.snapshot import Snapshot
 from spin_rl.viewer.stage import Stage
 
 SIZE = (720, 448)
@@ -58,10 +59,10 @@ class PictureMaker:
             self._episode = snapshot.episode
             self._plan = Plan(snapshot.scene, *_PLAN, whole=snapshot.scandots is not None)
             self._path = []
-            self._follow = FollowCamera(TABLE_VIEW if snapshot.scandots is None else DRIVE_VIEW)
+            self._follow = FollowCamera()
         self._path.append(snapshot.qpos[:2])
         stage.pose(snapshot)
-        stage.place_view(*self._follow.place(snapshot.qpos[:3], self._period))
+        stage.place_view(*self._follow.place(snapshot.qpos[:3], self._period, _view(snapshot)))
         view = draw_overlays(
             self._renderer.render(), self._renderer.camera(), stage.depth_camera(), snapshot.marks
         )
@@ -71,6 +72,8 @@ class PictureMaker:
         depth = camera_picture(stage, snapshot, _DEPTH_HEIGHT)
         picture.paste(depth, (_VIEW[0] + 10, _PLAN[1] + 18))
         draw = ImageDraw.Draw(picture)
+        if snapshot.stage is not None:
+            _draw_stages(draw, snapshot.stage)
         draw.text((_VIEW[0] + 10, _PLAN[1] + 2), camera_label(snapshot), fill=style.INK, font=_font(12))
         _draw_legend(draw, (_VIEW[0] + depth.width + 22, _PLAN[1] + 18), snapshot)
         self._draw_strip(draw, snapshot)
@@ -78,9 +81,10 @@ class PictureMaker:
 
     def _draw_strip(self, draw: ImageDraw.ImageDraw, snapshot: Snapshot) -> None:
         top = _VIEW[1]
-        cell = f"{cell_label(snapshot)}, episode {snapshot.episode + 1}"
-        draw.text((10, top + 8), self._title, fill=style.INK, font=_font(15))
-        draw.text((10, top + 34), cell, fill=style.UNSEEN, font=_font(13))
+        draw.text((10, top + 4), self._title, fill=style.INK, font=_font(15))
+        draw.text((10, top + 25), cell_label(snapshot), fill=style.UNSEEN, font=_font(13))
+        episode = f"episode {snapshot.episode + 1}"
+        draw.text((10, top + 43), episode, fill=style.UNSEEN, font=_font(13))
         draw.text((216, top + 8), f"{snapshot.time:4.1f} s", fill=style.INK, font=_font(20))
         outcome = snapshot.outcome.replace("_", "-")
         draw.text((290, top + 8), outcome, fill=style.OUTCOME[snapshot.outcome], font=_font(20))
@@ -100,6 +104,29 @@ class PictureMaker:
             x = left + (right - left) * (value - low) / (high - low)
             draw.rectangle((min(zero, x), y + 4, max(zero, x), y + 11), fill=style.FRUSTUM)
             draw.line((zero, y + 2, zero, y + 13), fill=style.UNSEEN)
+
+
+def _view(snapshot: Snapshot) -> View:
+    """From where the robot is shown well in what it does."""
+    at_table = snapshot.scandots is None or snapshot.stage in ("align", "pick", "retract")
+    return TABLE_VIEW if at_table else DRIVE_VIEW
+
+
+def _draw_stages(draw: ImageDraw.ImageDraw, present: str) -> None:
+    """Name all stages along the top of the view, the present one in a box."""
+    width = _VIEW[0] / len(STAGES)
+    for i, stage in enumerate(STAGES):
+        middle = (i + 0.5) * width, 15
+        if stage == present:
+            box = (i * width + 8, 4, (i + 1) * width - 8, 26)
+            draw.rounded_rectangle(box, 5, fill=style.INK)
+        draw.text(
+            middle,
+            stage,
+            fill=style.PAPER if stage == present else style.UNSEEN,
+            font=_font(15),
+            anchor="mm",
+        )
 
 
 def camera_picture(stage: Stage, snapshot: Snapshot, height: int) -> Image.Image:
@@ -133,7 +160,9 @@ def depth_picture(depth: np.ndarray) -> Image.Image:
 
 def _draw_legend(draw: ImageDraw.ImageDraw, corner: tuple[int, int], snapshot: Snapshot) -> None:
     x, y = corner
-    point = "object" if snapshot.scandots is None else "corner"
+    corners = "" if snapshot.scandots is None else "corner"
+    objects = "" if snapshot.target is None else "object"
+    point = "/".join(filter(None, (corners, objects)))
     rows = [(f"seen {point}", style.SEEN, True), (f"unseen {point}", style.UNSEEN, True)]
     rows += [("camera's view", style.FRUSTUM, False)]
     if snapshot.scandots is not None:  # obstacles on the way

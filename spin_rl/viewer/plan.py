@@ -8,7 +8,7 @@ from PIL import Image
 from spin_rl.scenes.layout import Scene
 from spin_rl.viewer import style
 from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M, Canvas
-from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.snapshot import Snapshot
 from spin_rl.viewer.stage import Stage
 
 _MARGIN_M = 0.35
@@ -56,8 +56,11 @@ class Plan:
         """
         canvas = Canvas(*self._size)
         scale = self._scale
+        if snapshot.stage is not None:  # a start to come back to
+            ring = self._scene.start[:2] + _GOAL_RADIUS_M * np.concatenate((_ROUND, _ROUND[:1]))
+            canvas.line(self.pixels(ring), style.GOAL)
         if snapshot.scandots is not None:  # a goal to drive to
-            canvas.polygon(self.pixels(self._scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
+            canvas.polygon(self.pixels(snapshot.scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
         for slot, colour in self._slots:
             shape = footprint(snapshot.scene, slot)  # where it is now
             canvas.polygon(self.pixels(shape), colour, alpha=255 if self._scene.is_wall[slot] else 210)

@@ -18,7 +18,7 @@ from spin_rl.scenes import kinds
 from spin_rl.scenes.layout import Scene
 from spin_rl.viewer import style
 from spin_rl.viewer.plan import footprint
-from spin_rl.viewer.rollout import Snapshot
+from spin_rl.viewer.snapshot import Snapshot
 
 _FAR_M = 2.0
 GROUPS = {"low": ("low",), "arm or head height": ("arm", "head", "tall")}

@@ -3,111 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from spin_rl import robot
 from spin_rl.policy import Policy
-from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.objects import SceneObject
+from spin_rl.tasks.fetch import FetchEnv
+from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.tasks.nav import NavEnv
 from spin_rl.tasks.pick import PickEnv
-from spin_rl.tasks.pick_episode import PICK_OUTCOMES
+from spin_rl.viewer.snapshot import OUTCOMES, Scandots, Snapshot, Target
 
-OUTCOMES = PICK_OUTCOMES
-"""Names of the outcomes of all tasks; navigation has all but the last."""
-RUNNING = OUTCOMES[0]
-PlayedEnv = NavEnv | PickEnv
+PlayedEnv = NavEnv | PickEnv | FetchEnv
 _ROBOT = slice(len(robot.DOF_NAMES))
 _OBJECT = slice(_ROBOT.stop, None)
-
-
-@dataclass(frozen=True)
-class Scandots:
-    """The scandots of one world at one time.
-
-    Attributes:
-        points: Corners in the local window, then corners of the pieces of walls that the camera sees, in the
-            world frame [m], shape (n, 3).
-        seen: Whether the policy gets them, shape (n,), bool.
-    """
-
-    points: np.ndarray
-    seen: np.ndarray
-
-
-@dataclass(frozen=True)
-class Target:
-    """The object to pick up in one world at one time.
-
-    Attributes:
-        what: Shape and start; the same object for all snapshots of an episode.
-        pose: Position of its centre [m] and orientation (w, x, y, z), world, shape (7,).
-        seen: Whether the camera sees it.
-        force: Of both fingertips together on it [N].
-    """
-
-    what: SceneObject
-    pose: np.ndarray
-    seen: bool
-    force: float
-
-    @property
-    def height(self) -> float:
-        """Height over its start [m]."""
-        return float(self.pose[2] - self.what.start_pose[2])
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """One world at one time.
-
-    Attributes:
-        scene: What stands in the world. The same object for all snapshots of an episode; where something
-            moves, one per snapshot, and only their positions differ.
-        episode: Number of the episode in its world, from 0.
-        time: Since the start of the episode [s].
-        qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
-        scandots: What is near, and what of it is seen; None where the task has no scandots.
-        outcome: One of `OUTCOMES`; other than "running" in an episode's last snapshot.
-        depth: The depth image as the policy gets it, noisy and filtered, upright, in metres between the
-            nearest and the farthest depth that it can tell apart, shape (rows, columns); None where the
-            task has no depth camera.
-        target: The object to pick up, where the task has one.
-    """
-
-    scene: Scene
-    episode: int
-    time: float
-    qpos: np.ndarray
-    scandots: Scandots | None
-    outcome: str = RUNNING
-    depth: np.ndarray | None = None
-    target: Target | None = None
-
-    @property
-    def marks(self) -> Scandots:
-        """The points that the policy is given while they are seen: scandots, and the object's centre."""
-        parts = [] if self.scandots is None else [self.scandots]
-        if self.target is not None:
-            parts.append(Scandots(self.target.pose[None, :3], np.array([self.target.seen])))
-        return Scandots(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "seen")))
-
-    @property
-    def ended(self) -> bool:
-        """Whether this is the last snapshot of its episode."""
-        return self.outcome != RUNNING
-
-    @property
-    def goal_distance(self) -> float:
-        """Straight distance from the base to the goal [m]."""
-        return float(np.hypot(*(self.scene.goal - self.qpos[:2])))
-
-    def joint(self, name: str) -> float:
-        """Position of a joint of the MJCF [m or rad]."""
-        return float(self.qpos[robot.DOF_NAMES.index(name)])
 
 
 class Player:
@@ -115,20 +27,27 @@ class Player:
 
     Attributes:
         env: The environment.
+        title: What plays.
         ended: Last snapshots of all finished episodes since `start`, in the order of their end.
     """
 
-    def __init__(self, env: PlayedEnv, policy: Policy) -> None:
+    def __init__(self, env: PlayedEnv, policy: Policy, title: str = "") -> None:
         """Take over an environment; `start` begins the first episodes.
 
         Args:
             env: Environment with any number of worlds.
             policy: Policy for it.
+            title: What plays, such as the policy's name.
         """
         self.env = env
+        self.title = title
         self.ended: list[Snapshot] = []
         self._policy = policy
         self._snapshots: list[Snapshot] = []
+        # What only some tasks have.
+        self._set_cells, self._scandots, self._sight, self._stage = (
+            getattr(env, name, None) for name in ("set_cells", "scandots", "sight", "stage")
+        )
 
     @property
     def snapshots(self) -> list[Snapshot]:
@@ -151,8 +70,8 @@ class Player:
         """
         n = self.env.num_envs
         self._policy = policy or self._policy
-        if isinstance(self.env, NavEnv):
-            self.env.set_cells([scenario] * n, [difficulty] * n)
+        if self._set_cells is not None:
+            self._set_cells([scenario] * n, [difficulty] * n)
         if seed is not None:
             self.env.reseed(seed)
         self._obs = self.env.reset()
@@ -202,13 +121,9 @@ class Player:
 
     def _read(self) -> list[Snapshot]:
         qpos = self.env.sim.data.qpos.numpy().astype(float)
-        if any(scene.moves for scene in self._scenes):
-            pos = self.env.sim.layout.pos.numpy().astype(float)
-            self._scenes = [
-                replace(scene, pos=pos[world]) if scene.moves else scene
-                for world, scene in enumerate(self._scenes)
-            ]
+        self._follow_scenes()
         scandots, targets, depth = self._read_scandots(qpos), self._read_targets(qpos), self._read_depth()
+        stages = self._read_stages()
         return [
             Snapshot(
                 scene=self._scenes[world],
@@ -218,26 +133,47 @@ class Player:
                 scandots=scandots[world],
                 depth=None if depth is None else depth[world],
                 target=targets[world],
+                stage=stages[world],
             )
             for world in range(self.env.num_envs)
         ]
 
+    def _follow_scenes(self) -> None:
+        """Replace the scenes in which something has moved, or that have another goal than before."""
+        layout = self.env.sim.layout
+        if any(scene.moves for scene in self._scenes):
+            pos = layout.pos.numpy().astype(float)
+            self._scenes = [
+                replace(scene, pos=pos[world]) if scene.moves else scene
+                for world, scene in enumerate(self._scenes)
+            ]
+        goal = layout.goal.numpy().astype(float)
+        self._scenes = [
+            scene if (scene.goal == goal[world]).all() else replace(scene, goal=goal[world])
+            for world, scene in enumerate(self._scenes)
+        ]
+
+    def _read_stages(self) -> Sequence[str | None]:
+        if self._stage is None:
+            return [None] * self.env.num_envs
+        return [STAGES[stage] for stage in self._stage.tolist()]
+
     def _read_object(self, world: int) -> SceneObject | None:
-        return self.env.sim.object.scene_object(world) if isinstance(self.env, PickEnv) else None
+        return None if self._sight is None else self.env.sim.object.scene_object(world)
 
     def _read_scandots(self, qpos: np.ndarray) -> Sequence[Scandots | None]:
-        if not isinstance(self.env, NavEnv):
+        if self._scandots is None:
             return [None] * self.env.num_envs
-        known, visible = self.env.scandots.all.numpy(), self.env.scandots.visible.numpy()
+        known, visible = self._scandots.all.numpy(), self._scandots.visible.numpy()
         return [
             scandots_of(known[world], visible[world], scene.is_wall, qpos[world, :3])
             for world, scene in enumerate(self._scenes)
         ]
 
     def _read_targets(self, qpos: np.ndarray) -> Sequence[Target | None]:
-        if not isinstance(self.env, PickEnv):
+        if self._sight is None:
             return [None] * self.env.num_envs
-        seen, force = self.env.sight.seen.numpy(), self.env.sim.grasp.finger_force.numpy().sum(-1)
+        seen, force = self._sight.seen.numpy(), self.env.sim.grasp.finger_force.numpy().sum(-1)
         return [
             None if what is None else Target(what, qpos[w, _OBJECT], bool(seen[w]), float(force[w]))
             for w, what in enumerate(self._objects)

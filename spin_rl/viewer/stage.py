@@ -13,7 +13,8 @@ from spin_rl.scenes.builder import PARKED_Z_M, SCENE_GROUP, add_pool, native_mod
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.objects import OBJECT_GEOMS, SceneObject, add_object
 from spin_rl.viewer import style
-from spin_rl.viewer.rollout import Player, Snapshot
+from spin_rl.viewer.rollout import Player
+from spin_rl.viewer.snapshot import Snapshot
 
 VISUAL_GROUP = 2
 VIEW = "follow"

@@ -14,7 +14,8 @@ from PIL import Image
 from spin_rl.config import ConfigError
 from spin_rl.extras import require
 from spin_rl.viewer import style
-from spin_rl.viewer.rollout import Player, Snapshot
+from spin_rl.viewer.rollout import Player
+from spin_rl.viewer.snapshot import Snapshot
 
 FORMATS = (".mp4", ".gif")
 

@@ -12,7 +12,7 @@ from spin_rl.viewer import style
 from spin_rl.viewer.camera import PinholeCamera
 from spin_rl.viewer.overlay import draw_overlays
 from spin_rl.viewer.picture import SIZE, PictureMaker, camera_label, camera_picture, depth_picture
-from spin_rl.viewer.rollout import Scandots
+from spin_rl.viewer.snapshot import Scandots
 from spin_rl.viewer.stage import DepthCamera, Stage
 from spin_rl.viewer.video import check_video, open_video
 
