@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from spin_rl.benchmark import pick_report, report
+from spin_rl.benchmark import fetch_report, pick_report, report
+from spin_rl.benchmark.fetch import evaluate_fetch
 from spin_rl.benchmark.pick import evaluate_pick
 from spin_rl.benchmark.reach import evaluate_reach
 from spin_rl.config import ConfigError
@@ -21,7 +23,7 @@ class Benchmark:
         task: The task that it measures, a file in conf/task.
         scene: Its distribution of scenes, a file in conf/scene.
         evaluate: Runs it: policy factory, task configuration, episodes, seeds and device, and by keyword
-            `policy_name`, `num_envs` and `announce`; returns the result.
+            `policy_name`, `num_envs` and `announce`, of a fetch also `pick_name`; returns the result.
         table: Formats a result for the terminal.
         headline: One line that sums a result up.
     """
@@ -37,6 +39,14 @@ BENCHMARKS: Mapping[str, Benchmark] = MappingProxyType(
     {
         "reach": Benchmark("nav", "nav", evaluate_reach, report.table, report.headline),
         "pick": Benchmark("pick", "tabletop", evaluate_pick, pick_report.table, pick_report.headline),
+        "fetch": Benchmark("fetch", "fetch", evaluate_fetch, fetch_report.table, fetch_report.headline),
+        "place": Benchmark(
+            "fetch",
+            "fetch",
+            partial(evaluate_fetch, benchmark="place"),
+            fetch_report.place_table,
+            report.headline,
+        ),
     }
 )
 

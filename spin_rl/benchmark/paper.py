@@ -1,4 +1,4 @@
-"""Figures of the SPIN paper (Uppal et al., CVPR 2024): Table 1 for reach and pick, and throughput."""
+"""Figures of the SPIN paper (Uppal et al., CVPR 2024): Table 1, and throughput."""
 
 from __future__ import annotations
 
@@ -42,6 +42,15 @@ PICK: dict[str, PaperCell] = {
     "SPIN (CVO)": PaperCell(0.97, 5.74),
 }
 """Method -> figures of its pick column."""
+
+PLACE: dict[str, dict[tuple[int, str], PaperCell]] = {
+    "FixCam": _row((1.00, 0.53, 0.16, 0.97, 0.50, 0.20), (7.25, 17.06, 41.07, 8.02, 20.24, 45.98)),
+    "NoPointNet": _row((1.00, 0.83, 0.57, 1.00, 0.77, 0.60), (4.88, 15.22, 32.00, 7.89, 18.49, 37.42)),
+    "Mapping": _row((1.00, 1.00, 1.00, 1.00, 0.90, 0.97), (6.77, 9.85, 22.29, 4.86, 12.62, 26.12)),
+    "SPIN (DVO)": _row((1.00, 1.00, 0.90, 1.00, 0.90, 0.90), (7.22, 18.45, 34.24, 9.40, 15.98, 41.24)),
+    "SPIN (CVO)": _row((1.00, 0.97, 0.90, 1.00, 0.97, 0.93), (6.51, 13.39, 27.25, 8.03, 12.79, 31.25)),
+}
+"""Method -> (scenario, difficulty) -> figures; the object is brought back near the robot's start."""
 
 FRAMES_PER_S = {"scandots": 50_000.0, "depth": 820.0}
 """Simulated frames per second on one GPU, 8192 worlds with scandots, 256 with depth (supplement, "Directly

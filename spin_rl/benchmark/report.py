@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from spin_rl.benchmark.paper import REACH, PaperCell
@@ -16,17 +18,36 @@ _MAX_CAUSES = 3
 
 def table(result: dict[str, Any]) -> str:
     """Format a result of `reach.evaluate_reach` for the terminal, with the paper's rows where it has them."""
-    heading = title("Reach", result, f"{result['rows'][0]['episodes']} episodes per cell")
     in_paper = "scene" not in result and all(
         (row["scenario"], row["difficulty"]) in REACH[PAPER_ROWS[0]] for row in result["rows"]
     )
-    columns = PAPER_ROWS if in_paper else ()
-    header = ["scenario", "", "success", "95%", "time", *columns, "failures by cause"]
+    return cell_table("Reach", result, REACH if in_paper else None)
+
+
+def cell_table(
+    benchmark: str,
+    result: dict[str, Any],
+    paper: Mapping[str, Mapping[tuple[int, str], PaperCell]] | None,
+    extra: Mapping[str, Callable[[dict[str, Any]], str]] = MappingProxyType({}),
+) -> str:
+    """Format rows by scenario and difficulty.
+
+    Args:
+        benchmark: Its name.
+        result: Its result.
+        paper: The paper's figures for it, None where these rows are not its cells.
+        extra: Further columns, what they say of a row by their heading.
+    """
+    heading = title(benchmark, result, f"{result['rows'][0]['episodes']} episodes per cell")
+    columns = PAPER_ROWS if paper else ()
+    header = ["scenario", "", "success", "95%", "time", *extra, *columns, "failures by cause"]
     body = []
     for row in result["rows"]:
-        beside = [paper_figures(REACH[name][row["scenario"], row["difficulty"]]) for name in columns]
-        body.append([str(row["scenario"]), row["difficulty"], *figures(row), *beside, main_causes(row)])
-    return "\n".join([heading, *align([header, *body]), notes(result, in_paper)])
+        cell = row["scenario"], row["difficulty"]
+        more = [say(row) for say in extra.values()]
+        beside = [paper_figures(paper[name][cell]) for name in columns] if paper else []
+        body.append([str(cell[0]), cell[1], *figures(row), *more, *beside, main_causes(row)])
+    return "\n".join([heading, *align([header, *body]), notes(result, paper is not None)])
 
 
 def title(benchmark: str, result: dict[str, Any], episodes: str) -> str:
@@ -37,11 +58,12 @@ def title(benchmark: str, result: dict[str, Any], episodes: str) -> str:
         result: Result of any benchmark.
         episodes: How many there were.
     """
+    policy = " + ".join(result[key] for key in ("policy", "pick") if key in result)
     seeds = ", ".join(str(seed) for seed in result["seeds"])
     pose = result.get("camera_pose")
     camera = result["camera_mount"] + ("" if pose is None else f" frozen at pan {pose[0]}, tilt {pose[1]}")
     return (
-        f"{benchmark}: {result['policy']}, {episodes} (seeds {seeds}), "
+        f"{benchmark}: {policy}, {episodes} (seeds {seeds}), "
         f"robot {result['robot']}, camera {camera}{conditions_note(result)}"
     )
 

@@ -62,16 +62,18 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
         ConfigError: They were trained for different robots, cameras or depth filters; one robot has one each.
     """
     sources = [OmegaConf.create(dict(trained)) for trained in (nav, pick)]
-    sees = [bool(OmegaConf.select(source, "task.depth.enabled")) for source in sources]
-    joint = OmegaConf.create({"task": {"depth": {"enabled": any(sees)}}})
+    seeing = [source for source in sources if OmegaConf.select(source, "task.depth.enabled")]
+    joint = OmegaConf.create({"task": {"depth": {"enabled": bool(seeing)}}})
     for source in sources:
         for section in ("scandots", "sight", "manipulation"):
             values = OmegaConf.select(source, f"task.{section}")
             if values is not None:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
-    for key in ("robot.profile", "task.camera_mount", "task.camera_pose", "depth.filter"):
-        users = [source for source, depth in zip(sources, sees, strict=True) if depth or key != "depth.filter"]
-        values = [OmegaConf.select(source, key) for source in users if source]
+    read = OmegaConf.select(seeing[0], "depth.filter") if seeing else None
+    filters = [f"depth.filter.{name}" for name in read or ()]
+    for key in ("robot.profile", "task.camera_mount", "task.camera_pose", *filters):
+        users = seeing if key in filters else [source for source in sources if source]
+        values = [OmegaConf.select(source, key) for source in users]
         if any(value != values[0] for value in values):
             raise ConfigError(f"pick: {key} is {values[1]} there and {values[0]} in the policy that drives")
         if values and values[0] is not None:

@@ -39,8 +39,11 @@ def evaluate(cfg: DictConfig) -> None:
     from spin_rl.benchmark import camera_report, failures_report, policies, report, settings
 
     benchmark = benchmarks.BENCHMARKS[values["benchmark"]]
-    make_policy, trained = policies.open_policy(values["policy"])
-    check_task(values["policy"], trained, benchmark.task)
+    if benchmark.task == "fetch":
+        make_policy, trained, values["pick"] = policies.open_fetch_policy(values["policy"], values["pick"])
+    else:
+        make_policy, trained = policies.open_policy(values["policy"])
+        check_task(values["policy"], trained, benchmark.task)
     task = any_config(settings.for_policy(cfg, trained, overridden))
     mistake = settings.unused_depth(task, overridden)
     if mistake is not None:
@@ -81,6 +84,7 @@ def _measure(
         num_envs=values["num_envs"],
         announce=common.announced,
         **({} if scene is None else {"scene": scene, "scene_name": Path(values["scene_file"]).name}),
+        **({} if values["pick"] is None else {"pick_name": values["pick"]}),
     )
 
 
@@ -132,8 +136,14 @@ def _check(values: dict[str, Any]) -> Path | None:
         for key in ("scene_file", "analysis"):
             if values[key] is not None:
                 raise ConfigError(f"{key.removesuffix('_file')}: {values[key]} needs benchmark=reach")
-    if not isinstance(values["policy"], str):
-        raise ConfigError("policy: give a name, checkpoint, run directory, .safetensors file, zero or random")
+    pick = values["pick"]
+    if pick is not None and benchmarks.BENCHMARKS[values["benchmark"]].task != "fetch":
+        raise ConfigError(f"pick: {pick} needs benchmark=fetch or benchmark=place")
+    for key in ("policy",) if pick is None else ("policy", "pick"):
+        if not isinstance(values[key], str):
+            raise ConfigError(
+                f"{key}: give a name, checkpoint, run directory, .safetensors file, zero or random"
+            )
     for key in ("episodes", "num_envs"):
         if type(values[key]) is not int and not (key == "num_envs" and values[key] is None):
             raise ConfigError(f"{key}: expected a whole number, got {values[key]!r}")

@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import torch
+import warp as wp
 
 from spin_rl import robot
 from spin_rl.tasks import episode
@@ -21,9 +22,10 @@ class FetchEpisodes:
 
     Attributes:
         outcome: Index into `FETCH_OUTCOMES`; `running` for worlds whose fetch goes on, shape (n,), int.
+        steps: Control steps until the end, shape (n,), int.
         stage: Stage in which it ended, index into `STAGES`, shape (n,), int.
         kind: Index into `objects.OBJECTS`, shape (n,), int.
-        steps: Control steps spent in each stage, shape (n, 6), int.
+        stage_steps: Control steps spent in each stage, shape (n, 6), int.
         reached: Whether the robot came to the table, shape (n,), bool.
         picked: Whether it lifted the object and held it up, shape (n,), bool.
         retries: Further attempts to pick, shape (n,), int.
@@ -34,9 +36,10 @@ class FetchEpisodes:
     """
 
     outcome: np.ndarray
+    steps: np.ndarray
     stage: np.ndarray
     kind: np.ndarray
-    steps: np.ndarray
+    stage_steps: np.ndarray
     reached: np.ndarray
     picked: np.ndarray
     retries: np.ndarray
@@ -66,20 +69,18 @@ class FetchEpisodes:
             text += f" {'+'.join(hit)}" if hit else ""
         return text
 
-    @staticmethod
-    def concatenate(groups: list[FetchEpisodes]) -> FetchEpisodes:
-        """Join groups of fetches, such as those of several seeds."""
-        names = [entry.name for entry in fields(FetchEpisodes)]
-        return FetchEpisodes(*(np.concatenate([getattr(group, name) for group in groups]) for name in names))
 
-    def select(self, rows: np.ndarray) -> FetchEpisodes:
-        """Return the fetches of an index or mask array."""
-        return FetchEpisodes(*(getattr(self, entry.name)[rows] for entry in fields(self)))
+def record_views(record: FetchRecord) -> dict[str, torch.Tensor]:
+    """Return Torch views of a record's arrays by the names of `FetchEpisodes`, without `steps`."""
+    views = {name: wp.to_torch(getattr(record, name)) for name in FetchRecord.vars}
+    views["stage_steps"] = views.pop("steps")
+    return views
 
 
 def read_record(record: FetchRecord) -> FetchEpisodes:
     """Copy a record to the host; waits for the device."""
-    return FetchEpisodes(**{name: getattr(record, name).numpy().copy() for name in FetchRecord.vars})
+    facts = {name: view.cpu().numpy().copy() for name, view in record_views(record).items()}
+    return FetchEpisodes(steps=facts["stage_steps"].sum(1), **facts)
 
 
 @dataclass
