@@ -17,7 +17,10 @@ def run_main(monkeypatch, *arguments):
     [
         (["policy=no-such-policy"], "policy"),
         ([], "policy"),
-        (["policy=zero", "benchmark=dance"], "benchmark: unknown 'dance'; choose from reach, pick"),
+        (
+            ["policy=zero", "benchmark=dance"],
+            "benchmark: unknown 'dance'; choose from reach, pick, fetch, place",
+        ),
         (["policy=zero", "episodes=0"], "episodes: at least 1"),
         (["policy=zero", "episodes=many"], "episodes: expected a whole number"),
         (["policy=zero", "seeds=3"], "seeds: expected a list"),
@@ -42,6 +45,18 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "benchmark=pick", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
         (["policy=zero", "benchmark=pick", "task.object=hat"], "task.object must be any or one of banana"),
         (["policy=nav-cvo", "depth=d435i"], "depth: depth=d435i changes nothing"),
+        (
+            ["policy=nav-cvo", "pick=pick-teacher"],
+            "pick: pick-teacher needs benchmark=fetch or benchmark=place",
+        ),
+        (["policy=zero", "benchmark=fetch", "pick=3"], "pick: give a name"),
+        (["policy=zero", "benchmark=place", "pick=none-such"], "pick: There is no policy 'none-such'"),
+        (
+            ["policy=pick-teacher", "benchmark=fetch"],
+            "policy: pick-teacher was trained with task=pick; a fetch needs one of task=nav",
+        ),
+        (["policy=zero", "benchmark=fetch", "baseline=fixcam_IV"], "task.camera_pose: the camera cannot"),
+        (["policy=zero", "benchmark=fetch", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
     ],
 )
 def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, arguments, expected):
@@ -111,3 +126,22 @@ def test_picks_end_to_end(monkeypatch, capsys, device, tmp_path):
     assert result["overall"]["episodes"] == 14 and result["overall"]["causes"]["timeout"] == 1.0
     assert result["overall"]["duration_all_s"] == pytest.approx(0.4)
     assert result["overflows"] == {} and set(result["noise"].values()) == {0.0}
+
+
+def test_fetches_end_to_end(monkeypatch, capsys, device, tmp_path):
+    """The benchmark names the task; a robot that stands still reaches no table."""
+    out = tmp_path / "fetch.json"
+    run_main(monkeypatch, "policy=zero", "pick=random", "benchmark=fetch", "episodes=1", "seeds=[0,1]",
+             f"device={device}", f"out={out}", "num_envs=4", "task.limits.reach=0.3")  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "Fetch: zero + random, 2 episodes per cell (seeds 0, 1), robot paper, camera portrait" in printed
+    assert "fetched 0.00 (0.00-0.24) of 12; reach 0/12, pick 0/0, place 0/0" in printed
+    result = json.loads(out.read_text())
+    assert (result["policy"], result["pick"], result["benchmark"]) == ("zero", "random", "fetch")
+    assert result["num_envs"] == 3 and result["overflows"] == {} and result["limits"]["reach"] == 0.3
+    assert [row["episodes"] for row in result["rows"]] == [2] * 6
+    assert all(row["causes"] == {"reach timeout": 1.0} for row in result["rows"])
+    assert {row["object"]: row["episodes"] for row in result["objects"]} == {
+        "banana": 4, "mug": 2, "can": 2, "brick": 2, "bottle": 2
+    }  # fmt: skip
+    assert result["overall"]["duration_all_s"] == pytest.approx(0.3)

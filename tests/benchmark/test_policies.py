@@ -37,3 +37,37 @@ def test_a_damaged_policy_names_the_key(tmp_path):
     path.write_bytes(b"nothing of the sort")
     with pytest.raises(ConfigError, match=r"^policy: "):
         policies.open_policy(str(path))
+
+
+@pytest.mark.parametrize(
+    ("nav", "picker", "sees"), [("nav-dvo", "pick-teacher", False), ("nav-cvo-depth", "pick-depth", True)]
+)
+def test_the_shipped_policy_that_picks_sees_what_the_driver_sees(nav, picker, sees):
+    _, trained, pick = policies.open_fetch_policy(nav, None)
+    assert pick == picker
+    assert trained["task"]["depth"]["enabled"] == sees
+    assert trained["task"]["sight"]["far_m"] == 4.0 and trained["task"]["scandots"]["window_m"] == 2.0
+
+
+def test_a_fetch_has_both_policies():
+    make, trained, pick = policies.open_fetch_policy("zero", "random")
+    assert pick == "random" and "robot" not in trained
+    obs = TensorDict({"stage": torch.tensor([[0.0], [2.0]])}, batch_size=[2])
+    policy = make(obs, "cpu")
+    policy.reset()
+    actions = policy(obs)
+    assert not actions[0].any() and actions[1].all()
+
+
+@pytest.mark.parametrize(
+    ("nav", "pick", "message"),
+    [
+        ("nav-typo", None, "^policy: There is no policy 'nav-typo'"),
+        ("zero", "pick-typo", "^pick: There is no policy 'pick-typo'"),
+        ("pick-teacher", None, "^policy: pick-teacher was trained with task=pick; .* task=nav$"),
+        ("zero", "nav-cvo", "^pick: nav-cvo was trained with task=nav; .* task=pick$"),
+    ],
+)
+def test_policies_that_cannot_fetch_are_refused(nav, pick, message):
+    with pytest.raises(ConfigError, match=message):
+        policies.open_fetch_policy(nav, pick)

@@ -6,8 +6,9 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from spin_rl.benchmark import settings
+from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.build import env_config, pick_config
+from spin_rl.tasks.build import env_config, fetch_config, pick_config
 from spin_rl.tasks.pick_config import PickConfig
 
 TRAINED = {
@@ -59,6 +60,67 @@ def test_body_and_inputs_are_the_policys(cfg):
     assert task.scandots.near_m == 0.1
     assert task.episode_s == 60.0 and task.noise.goal_m == 0.0
     assert env_config(cfg).robot_profile == "paper"  # the argument is left alone
+
+
+PICK_TRAINED = {
+    "robot": {"profile": "re1"},
+    "task": {
+        "camera_mount": "landscape",
+        "hold_s": 0.5,
+        "sight": {"far_m": 2.0},
+        "manipulation": {"increments": {"forward_speed": 0.11}},
+        "depth": {"enabled": False},
+    },
+    "depth": {"filter": {"blur": 0.0, "fill_px": 3}},
+}
+
+
+def with_images(trained, **changes):
+    task = trained["task"] | {"depth": {"enabled": True}}
+    return trained | {"task": task, "depth": {"filter": {"blur": 0.5, "fill_px": 3} | changes}}
+
+
+def test_a_fetch_has_the_robot_of_both_policies_and_what_each_sees():
+    joint = settings.of_fetch(TRAINED, PICK_TRAINED)
+    task = fetch_config(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
+    assert task.robot_profile == "re1" and task.camera_mount == "landscape" and task.depth is None
+    assert task.scandots.window_m == 3.0 and not task.scandots.occlusion
+    assert task.sight.far_m == 2.0 and task.manipulation.increments.forward_speed == 0.11
+    # The rest is the benchmark's.
+    assert task.hold_s == 1.0 and set(vars(task.noise).values()) == {0.0} and task.episode_s == 300.0
+
+
+def test_images_of_a_fetch_are_filtered_as_those_who_read_them_need():
+    joint = settings.of_fetch(with_images(TRAINED), PICK_TRAINED)
+    assert joint["task"]["depth"] == {"enabled": True} and joint["depth"]["filter"]["blur"] == 0.5
+    assert "filter" not in settings.of_fetch(TRAINED, PICK_TRAINED).get("depth", {})
+    assert settings.of_fetch({}, {}) == {"task": {"depth": {"enabled": False}}}
+    assert settings.of_fetch({}, PICK_TRAINED)["robot"] == {"profile": "re1"}
+
+
+@pytest.mark.parametrize(
+    ("nav", "pick", "message"),
+    [
+        (
+            TRAINED | {"robot": {"profile": "paper"}},
+            PICK_TRAINED,
+            "^pick: robot.profile is re1 there and paper in the policy that drives$",
+        ),
+        (
+            TRAINED,
+            PICK_TRAINED | {"task": {"camera_mount": "portrait"}},
+            "^pick: task.camera_mount is portrait there and landscape in",
+        ),
+        (
+            with_images(TRAINED),
+            with_images(PICK_TRAINED, blur=0.7),
+            "^pick: depth.filter.blur is 0.7 there and 0.5 in",
+        ),
+    ],
+)
+def test_one_robot_cannot_be_that_of_two_policies(nav, pick, message):
+    with pytest.raises(ConfigError, match=message):
+        settings.of_fetch(nav, pick)
 
 
 @pytest.mark.parametrize(
