@@ -226,34 +226,49 @@ def test_an_object_at_rest_near_the_start_ends_the_fetch(env, distance, succeeds
 
 
 def test_carrying_takes_base_head_and_lift_from_the_policy_alone(env):
-    world = 1
-    enter(env, CARRY, world)
-    target = env.sim.views.target[world].clone()
-    action = torch.full((NUM_WORLDS, 10), 0.8)
-    env.step(action)
-    applied = env.sim.views.action[world]
-    for name in ("base_forward", "base_turn", "lift", "head_pan", "head_tilt"):
-        assert applied[robot.ACTIONS.index(name)] == pytest.approx(0.8), name
-    assert applied[robot.ACTIONS.index("gripper_finger")] == -1.0
-    held = env.sim.views.target[world]
+    """One world carries and another drives to the table, with the same actions."""
+    carry, reach = 1, 3
+    enter(env, CARRY, carry)
+    before = env.sim.views.target.clone()
+    at = env.sim.views.qpos[:, :3].clone()
+    env.step(torch.full((NUM_WORLDS, 10), 0.8))
+    target = env.sim.views.target
+    moved = (target - before).abs()
     for name in ("arm_extension", "wrist_yaw", "wrist_pitch", "wrist_roll"):
         joint = robot.JOINTS.index(name)
-        assert held[joint] == pytest.approx(float(target[joint]), abs=1e-5), name
+        assert moved[carry, joint] < 1e-5 and moved[reach, joint] > 0.1, name
+    for name in ("lift", "head_pan", "head_tilt"):
+        joint = robot.JOINTS.index(name)
+        assert target[carry, joint] == pytest.approx(float(target[reach, joint]), abs=1e-5), name
+        assert moved[carry, joint] > 0.1, name
+    driven = env.sim.views.qpos[:, :3] - at
+    assert driven[carry, :2].norm() > 5e-3 and driven[carry, 2] > 5e-3
+    finger = robot.JOINTS.index("gripper_finger")
+    assert target[carry, finger] == pytest.approx(robot.JOINT_LOWER[finger], abs=1e-5)
+    assert target[reach, finger] > 0.3
     env.step(torch.full((NUM_WORLDS, 10), -1.0))
-    assert env.sim.views.target[world, 0] == pytest.approx(env.cfg.carry_lift_m, abs=1e-5)
+    lift = robot.JOINTS.index("lift")
+    assert target[carry, lift] == pytest.approx(env.cfg.carry_lift_m, abs=1e-5)
+    assert target[reach, lift] < 0.1
 
 
 def test_the_pick_policy_cannot_drive_into_walls(env):
-    world = 0
-    goal = env.sim.views.goal[world].clone()
-    stand_at(env, goal, world, table_yaw(env, world) + 0.5 * math.pi)
-    enter(env, PICK, world)
+    """The same push from the same place to the same wall: without the bumper, while it drives, it hits."""
+    pick, drive = 0, 2
+    start = env.sim.views.goal[[pick, drive]].clone()
+    for world, point in zip((pick, drive), start, strict=True):
+        stand_at(env, point, world, table_yaw(env, world) + 0.5 * math.pi)
+    enter(env, PICK, pick)
+    env.sim.views.goal[drive] += 10.0  # or it would have reached it
     action = idle(env)
     action[:, 0] = 1.0
+    outcomes = []
     for _ in range(40):
         env.step(action)
-        assert env.outcome[world] == episode.RUNNING
-    ahead = env.sim.views.qpos[world, :2] - goal
+        outcomes.append(env.outcome[[pick, drive]].tolist())
+    assert [outcome for outcome, _ in outcomes] == [episode.RUNNING] * 40
+    assert episode.COLLISION in [outcome for _, outcome in outcomes]
+    ahead = env.sim.views.qpos[pick, :2] - start[0]
     assert 0.2 < float(ahead.norm()) < 0.5 - 0.059, "it stops short of the wall"
 
 
@@ -278,14 +293,26 @@ def test_same_seed_same_bits_with_and_without_a_graph(make_fetch_env):
 
 
 def test_results_keep_the_first_fetch_of_every_world(env):
-    for _ in range(2):
-        stand_at(env, env.sim.views.goal[0] + torch.tensor([0.0, 0.45]), 0)
-        env.step(idle(env))
-    stats = env.episode_stats()
-    assert stats["episodes"] == 2 and stats["collision_rate"] == 1.0
+    """The second one has another object, ends in another stage and otherwise, and takes longer."""
+    world = 0
+    first, second = int(env.sim.object.views.kind[world]), "mug"
+    assert OBJECTS[first] != second
+    env.set_objects([second] * NUM_WORLDS)
+    stand_at(env, env.sim.views.goal[world] + torch.tensor([0.0, 0.45]), world)
+    env.step(idle(env))
     result = env.results()
-    assert result.steps[0].sum() == 1
-    assert OBJECTS[result.kind[0]] in OBJECTS
+    env.step(idle(env))
+    enter(env, ALIGN, world)
+    put_object(env, [0.0, 0.0, 0.1], world)
+    env.step(idle(env))
+    assert env.outcome[world] == DROPPED
+    stats = env.episode_stats()
+    assert stats["episodes"] == 2 and stats["collision_rate"] == stats["dropped_rate"] == 0.5
+    kept = env.results()
+    assert kept.outcome[world] == episode.COLLISION and kept.stage[world] == REACH
+    assert kept.kind[world] == first and kept.steps[world].sum() == 1
+    for name, value in vars(result).items():
+        np.testing.assert_array_equal(getattr(kept, name)[world], value[world], err_msg=name)
     env.reset()
     assert not env.results().ended.any()
 
