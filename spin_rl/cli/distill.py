@@ -22,7 +22,7 @@ from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.distill import DistillRunner, check_distillation
 from spin_rl.runners.distillation import student_config
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import load_policy, read_policy
+from spin_rl.runners.policy_file import load_policy
 from spin_rl.runners.warm_start import copy_model
 from spin_rl.tasks import build
 from spin_rl.tasks.base import TaskEnv
@@ -76,11 +76,11 @@ def _start_from(runner: DistillRunner, source: str) -> None:
     """Let the student begin as another policy, one that sees what it sees or what its teacher does.
 
     Raises:
-        ConfigError: There is no such policy, or it does not fit; one line that says why.
+        ConfigError: It does not fit; one line that says why.
     """
     try:
         notes = copy_model(runner.alg.student, load_policy(source), Camera())
-    except (FileNotFoundError, ValueError) as error:
+    except ValueError as error:
         raise ConfigError(f"init: {source} cannot start the student: {error}") from None
     if common.is_main_process():
         print(f"Initialized from {source}: {notes}", flush=True)
@@ -113,14 +113,9 @@ def _make_runner(
 def _configure(cfg: DictConfig) -> dict[str, Any]:
     """Fill in what the teacher says, and reject what needs no simulator to reject."""
     source = cfg.teacher
-    if not isinstance(source, str):
-        raise ConfigError(f"teacher: expected the name or path of a policy, got {source!r}")
-    try:
-        teacher = read_policy(source)[1]
-    except (FileNotFoundError, ValueError) as error:
-        raise ConfigError(f"teacher: {error}") from None
-    if cfg.init is not None and not isinstance(cfg.init, str):
-        raise ConfigError(f"init: expected the name or path of a policy, got {cfg.init!r}")
+    teacher = run_folder.policy_metadata("teacher", source)
+    if cfg.init is not None:
+        run_folder.policy_metadata("init", cfg.init)
     values = plain(settings.for_policy(cfg, teacher["config"], HydraConfig.get().overrides.task))
     task = values["task"]["name"]
     task_choice.check_task(source, teacher["config"], task, "teacher")

@@ -14,6 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import write_atomically
+from spin_rl.runners.policy_file import read_policy
 
 # Settings of a call rather than of the run.
 _PER_CALL = ("resume", "init", "run_dir", "max_minutes", "max_iterations", "evaluate", "device", "seed")
@@ -35,6 +36,20 @@ def check_call(values: dict[str, Any]) -> None:
     for key in ("run_dir", "resume"):
         if not isinstance(values[key], str) and not (key == "resume" and values[key] is None):
             raise ConfigError(f"{key}: expected a path, got {values[key]!r}")
+
+
+def policy_metadata(key: str, source: object) -> dict[str, Any]:
+    """Read what the policy that a setting names says of itself; see `policy_file.read_policy`.
+
+    Raises:
+        ConfigError: There is none; one line that names the key.
+    """
+    if not isinstance(source, str):
+        raise ConfigError(f"{key}: expected the name or path of a policy, got {source!r}")
+    try:
+        return read_policy(source)[1]
+    except (FileNotFoundError, ValueError) as error:
+        raise ConfigError(f"{key}: {error}") from None
 
 
 def find(values: dict[str, Any], checkpoint: Path | None) -> Path:

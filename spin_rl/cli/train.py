@@ -79,15 +79,8 @@ def _check(values: dict[str, Any]) -> None:
 def _check_sources(values: dict[str, Any]) -> None:
     """Reject policies to start or learn from that do not exist, or cannot teach."""
     for key in ("teacher", "init"):
-        value = values[key]
-        if value is None:
-            continue
-        if not isinstance(value, str):
-            raise ConfigError(f"{key}: expected the name or path of a policy, got {value!r}")
-        try:
-            read_policy(value)
-        except (FileNotFoundError, ValueError) as error:
-            raise ConfigError(f"{key}: {error}") from None
+        if values[key] is not None:
+            run_folder.policy_metadata(key, values[key])
     has_teacher = "teacher" in values["runner"]["algorithm"]
     if has_teacher and values["teacher"] is None:
         raise ConfigError(

@@ -52,6 +52,12 @@ class DepthEncoderConfig:
         return rows, columns
 
     @property
+    def num_features(self) -> int:
+        """Numbers that the convolutions leave of an image."""
+        rows, columns = self.map_size
+        return self.channels[-1] * rows * columns
+
+    @property
     def num_pixels(self) -> int:
         """Numbers in an image."""
         return self.image[0] * self.image[1]
@@ -77,8 +83,7 @@ class DepthEncoder(nn.Module):
             layers += [nn.Conv2d(channels, width, kernel, stride), nn.ReLU()]
             channels = width
         self.convolutions = nn.Sequential(*layers)
-        rows, columns = cfg.map_size
-        num_inputs = channels * rows * columns + (num_flat if cfg.reads_flat else 0)
+        num_inputs = cfg.num_features + (num_flat if cfg.reads_flat else 0)
         self.mlp = token_mlp(num_inputs, cfg.hidden, latent, "relu")
 
     def forward(self, images: torch.Tensor, flat: torch.Tensor | None = None) -> torch.Tensor:

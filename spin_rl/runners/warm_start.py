@@ -104,7 +104,7 @@ def copy_model(
         raise ValueError("it does not normalize, so the effect of its camera's pose cannot be taken out")
     for own, other in scandots.items():
         if is_depth(own) == is_depth(other):
-            _copy_encoder(target.encoders[own], source.encoders[other])
+            _copy_encoder(target.encoders[own], source.encoders[other], flat)
         else:
             notes.append(f"new encoder of {own}")
 
@@ -174,12 +174,16 @@ def _match_inputs(
     return columns, notes
 
 
-def _copy_encoder(target: nn.Module, source: nn.Module) -> None:
-    """Copy an encoder; inputs of its first linear layer that the source has not become columns of zeros."""
+def _copy_encoder(target: nn.Module, source: nn.Module, flat: Columns) -> None:
+    """Copy an encoder; of the flat inputs that it reads beside an image, those of the source by column."""
     state = dict(source.state_dict())
-    for name, value in target.state_dict().items():
-        if value.shape != state[name].shape:
-            state[name] = torch.cat((state[name], torch.zeros_like(value[:, state[name].shape[1] :])), 1)
+    if isinstance(target, DepthEncoder) and target.cfg.reads_flat:
+        size = target.cfg.num_features
+        reads_flat = source.cfg.reads_flat  # type: ignore
+        own, other = ([*range(size), *(size + i for i in side if reads_flat)] for side in flat)
+        weight = torch.empty_like(target.mlp[0].weight)  # type: ignore
+        _copy_columns(weight, state["mlp.0.weight"], (own, other))
+        state["mlp.0.weight"] = weight
     target.load_state_dict(state)
 
 
@@ -201,19 +205,17 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
     for own, other in _match_scandots(target, source).items():
         if is_depth(own) != is_depth(other):
             continue
-        layers = [
-            [_shape(e.mlp), _linear(e.mlp)[0].in_features]  # type: ignore
-            for e in (target.encoders[own], source.encoders[other])
-        ]
-        if is_depth(own) and _only_adds_flat(target.encoders[own], source.encoders[other]):
+        encoders = target.encoders[own], source.encoders[other]
+        if is_depth(own) and _may_add_flat(*encoders):
             continue
-        if layers[0] != layers[1]:
+        layers = [[_shape(e.mlp), _linear(e.mlp)[0].in_features] for e in encoders]  # type: ignore
+        if is_depth(own) or layers[0] != layers[1]:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
 
 
-def _only_adds_flat(target: DepthEncoder, source: DepthEncoder) -> bool:
-    """Whether an encoder is another one that reads the flat groups as well."""
-    return target.cfg == replace(source.cfg, reads_flat=True)
+def _may_add_flat(target: DepthEncoder, source: DepthEncoder) -> bool:
+    """Whether an encoder is like another, or like it and reads the flat groups as well."""
+    return target.cfg in (source.cfg, replace(source.cfg, reads_flat=True))
 
 
 def _head_columns(target: ScandotModel, source: ScandotModel, inputs: Columns) -> Columns:

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import sys
+from types import SimpleNamespace
 
 import hydra
 import pytest
@@ -15,6 +16,7 @@ from omegaconf import OmegaConf
 import spin_rl.tasks.nav
 from spin_rl.benchmark import settings
 from spin_rl.cli import distill, run_folder
+from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR, POLICY_DIR
 from spin_rl.runners import load_policy, policy_file, read_policy
 from spin_rl.tasks.build import any_config, env_config
@@ -40,6 +42,8 @@ def run_main(monkeypatch, *arguments):
         ([TEACHER, "runner.depth_encoder.kernels=[8]"], "must have the same length"),
         ([TEACHER, "runner.asynchronous.blocks=1"], "asynchronous.blocks must be at least 3"),
         ([TEACHER, "depth.filter.far_m=0.1"], "depth.filter.near_m must be"),
+        ([TEACHER, "init=nobody"], "init: There is no policy 'nobody'"),
+        ([TEACHER, "init=[nav-cvo]"], "init: expected the name or path of a policy, got ['nav-cvo']"),
         ([TEACHER, "max_iterations=0"], "max_iterations: expected a whole number from 1 on"),
         ([TEACHER, "resume=missing"], "no checkpoint at missing"),
     ],
@@ -137,6 +141,31 @@ def test_a_student_of_the_pick_task(monkeypatch, capfd, tmp_path, pick_teacher):
     run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
     assert "Continuing with other settings" not in capfd.readouterr().out
     assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
+
+
+def test_a_student_starts_from_a_policy(monkeypatch, capfd, tmp_path, pick_teacher):
+    """Another student's weights or, by default, the teacher's; one of another task does not fit."""
+    monkeypatch.chdir(tmp_path)
+    options = [f"teacher={pick_teacher}", *TINY[1:], "device=cpu", "max_iterations=1"]
+    slow = ["runner.algorithm.learning_rate=1e-9", "runner.algorithm.min_learning_rate=1e-9"]
+    slow.append("runner.algorithm.freeze_iterations=0")
+    run_main(monkeypatch, *options, "run_dir=first", "runner.depth_encoder.reads_flat=false")
+    run_main(monkeypatch, *options, *slow, "run_dir=second", "init=first", "seed=2")
+    assert "Initialized from first: proprio, hand, object_start, depth, memory" in capfd.readouterr().out
+    first, second = (load_policy(name).state_dict() for name in ("first", "second"))
+    grown = "encoders.depth.mlp.0.weight"
+    columns = first[grown].shape[1]
+    assert second[grown].shape[1] == columns + 41  # proprio, hand and object_start
+    for name, value in second.items():
+        if "normalizer" in name:
+            continue
+        kept = value[:, :columns] if name == grown else value
+        torch.testing.assert_close(kept, first[name], rtol=0.0, atol=1e-6, msg=name)
+    assert second[grown][:, columns:].abs().max() < 1e-6
+
+    runner = SimpleNamespace(alg=SimpleNamespace(student=load_policy("second")))
+    with pytest.raises(ConfigError, match=r"^init: .*nav-cvo.* cannot start the student: its layers of"):
+        distill._start_from(runner, str(POLICY_DIR / "nav-cvo.safetensors"))
 
 
 def test_teachers_of_another_task_are_one_line(monkeypatch, capfd, tmp_path, pick_teacher):

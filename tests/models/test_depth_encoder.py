@@ -70,6 +70,26 @@ def test_models_read_images_beside_other_groups(kind):
     assert model.obs_normalizer.mean.shape == (5,)
 
 
+@pytest.mark.parametrize("reads_flat", [False, True])
+def test_the_latent_depends_on_flat_groups_if_they_are_read(reads_flat):
+    """On the normalized ones; sequences as step by step."""
+    obs = make_observations(3, 4)
+    torch.manual_seed(0)
+    settings = SMALL | {"reads_flat": reads_flat}
+    model = ScandotModel(obs[0], {"actor": ["proprio", "depth"]}, "actor", 2, depth_encoder=settings)
+    encoder = model.encoders["depth"]
+    assert encoder.mlp[0].in_features == 3 * 3 * 1 + 5 * reads_flat
+    model.update_normalization(obs.flatten())
+    encoded = model.encode(obs)
+    flat = model.obs_normalizer(obs["proprio"])
+    torch.testing.assert_close(encoded[..., 5:], encoder(obs["depth"], flat if reads_flat else None))
+    torch.testing.assert_close(encoded, torch.stack([model.encode(step) for step in obs]))
+    moved = obs.clone()
+    moved["proprio"][..., 2] += 1.0
+    change = (model.encode(moved) - encoded)[..., 5:].abs().amax(-1)
+    assert (change > 1e-4).all() if reads_flat else (change == 0.0).all()
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

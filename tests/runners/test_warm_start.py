@@ -140,6 +140,54 @@ def test_new_columns_of_a_group_do_not_count_until_they_are_learned():
     assert (new.lstm.rnn.weight_ih_l0.grad[:, 6:8].abs() > 0).any()
 
 
+IMAGES = {"image": [9, 6], "channels": [4], "kernels": [3], "strides": [2], "hidden": [7]}
+DEPTH = [*FLAT, "depth"]
+
+
+def make_depth_model(seed, groups, **encoder):
+    obs = make_depth_obs()
+    model = make_model("recurrent", groups, seed, obs, depth_encoder=IMAGES | encoder, skip=True)
+    return trained(model, obs)
+
+
+def make_depth_obs():
+    generator = torch.Generator().manual_seed(0)
+    obs = make_obs()
+    obs["depth"] = torch.randint(0, 256, (STEPS, ENVS, 54), generator=generator, dtype=torch.uint8)
+    return obs
+
+
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [
+        pytest.param((DEPTH, False), (DEPTH, True), id="flat groups are new"),
+        pytest.param((DEPTH, True), (DEPTH, True), id="the same"),
+        pytest.param((DEPTH, True), (["extra", "goal", "depth", "proprio"], True), id="another order"),
+    ],
+)
+def test_an_encoder_that_reads_flat_groups_starts_as_its_source(source, target):
+    obs = make_depth_obs()
+    model = make_depth_model(1, source[0], reads_flat=source[1])
+    new = make_depth_model(2, target[0], reads_flat=target[1])
+    assert not torch.allclose(act(new, obs), act(model, obs), atol=1e-2)
+    copy_model(new, model, Camera())
+    torch.testing.assert_close(act(new, obs), act(model, obs), atol=1e-5, rtol=1e-5)
+    new.encode(obs).square().mean().backward()
+    flat = new.encoders["depth"].mlp[0].weight.grad[:, -new.obs_dim :]
+    assert (flat.abs().amax(0) > 0).all(), "all of them are learned from the first step on"
+
+
+@pytest.mark.parametrize(
+    "encoder",
+    [{"reads_flat": False}, {"reads_flat": True, "hidden": [8]}, {"reads_flat": True, "strides": [1]}],
+)
+def test_an_encoder_that_cannot_act_as_its_source_is_named(encoder):
+    model = make_depth_model(1, DEPTH, reads_flat=True)
+    with pytest.raises(ValueError, match="its encoder of depth is") as error:
+        copy_model(make_depth_model(2, DEPTH, **encoder), model, Camera())
+    assert "\n" not in str(error.value)
+
+
 def test_an_unlearned_camera_starts_still_and_without_effect():
     obs = make_obs()
     obs["proprio"][..., [1, 4]] = torch.tensor([0.3, -0.2])  # the pose at which it was frozen
