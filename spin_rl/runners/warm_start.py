@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.depth_encoder import DepthEncoder
+from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
 from spin_rl.models.groups import is_depth, is_seen
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
@@ -206,16 +206,13 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         if is_depth(own) != is_depth(other):
             continue
         encoders = target.encoders[own], source.encoders[other]
-        if is_depth(own) and _may_add_flat(*encoders):
-            continue
         layers = [[_shape(e.mlp), _linear(e.mlp)[0].in_features] for e in encoders]  # type: ignore
-        if is_depth(own) or layers[0] != layers[1]:
+        fits = layers[0] == layers[1]
+        if is_depth(own):  # the new one may read the flat groups as well
+            cfg: DepthEncoderConfig = encoders[1].cfg  # type: ignore
+            fits = encoders[0].cfg in (cfg, replace(cfg, reads_flat=True))
+        if not fits:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
-
-
-def _may_add_flat(target: DepthEncoder, source: DepthEncoder) -> bool:
-    """Whether an encoder is like another, or like it and reads the flat groups as well."""
-    return target.cfg in (source.cfg, replace(source.cfg, reads_flat=True))
 
 
 def _head_columns(target: ScandotModel, source: ScandotModel, inputs: Columns) -> Columns:

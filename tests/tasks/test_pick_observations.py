@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+import warp as wp
 from nav_worlds import actions, run
 
 from spin_rl import robot
@@ -136,6 +137,56 @@ def test_noise_is_drawn_of_the_object(make_pick_env):
     )
     env.observations._seen[:] = False
     assert (env.get_observations()["object"] == 0).all()
+
+
+def start_errors(env):
+    """What is wrong with o_i in every world [m], in the base frame; draws noise."""
+    sim = env.sim
+    o_i = env.get_observations()["object_start"].cpu().numpy()
+    bases = [base_frame(data) for data in native(env)]
+    start = sim.object.start_pose.numpy()[:, :3]
+    return np.stack([o_i[w] - base.T @ (start[w] - origin) for w, (base, origin) in enumerate(bases)])
+
+
+def in_world(env, error):
+    """Turn errors (num_envs, 3) from base frames into the world."""
+    return np.stack([base_frame(data)[0] @ error[w] for w, data in enumerate(native(env))])
+
+
+def test_an_error_of_the_start_is_drawn_once_an_episode(make_pick_env):
+    env = make_pick_env(PickConfig(noise=PickNoise(object_start_m=0.02)), 64, seed=4)
+    turn = torch.zeros(64, 10)
+    turn[:, :2] = 0.3
+
+    def errors(steps):
+        """Errors over some steps while the robot drives and turns, in the world."""
+        rows = []
+        for _ in range(steps):
+            env.step(turn)
+            rows.append(in_world(env, start_errors(env)))
+        return np.stack(rows)
+
+    first = errors(3)
+    np.testing.assert_allclose(first, np.broadcast_to(first[:1], first.shape), atol=1e-5)
+    assert first[0].std() == pytest.approx(0.02, rel=0.2)  # 192 numbers
+    assert (np.abs(first[0]).max(1) > 1e-4).all() and len(np.unique(first[0][:, 0])) == 64
+    # A new episode has another error, the neighbours' stay.
+    with wp.ScopedDevice(env.device):
+        env._launch_reset(wp.array(np.arange(64) == 5, dtype=bool))
+    env.get_observations()
+    second = errors(2)
+    others = np.arange(64) != 5
+    np.testing.assert_allclose(second[-1][others], first[0][others], atol=1e-5)
+    np.testing.assert_allclose(second[-1][5], second[0][5], atol=1e-5)
+    assert np.abs(second[-1][5] - first[0][5]).max() > 1e-3
+    # o_t has no part in it.
+    env.observations._seen[:] = True
+    obs = env.get_observations()
+    torch.testing.assert_close(obs["object"][:, 1:4], obs["privileged"][:, 10:13])
+    # The same numbers again, however many were drawn before.
+    env.reseed(4)
+    env.reset()
+    np.testing.assert_array_equal(errors(1)[0], first[0])
 
 
 def test_the_depth_image_shows_the_object_where_it_is_seen(make_pick_env):
