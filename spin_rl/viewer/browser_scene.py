@@ -16,6 +16,7 @@ from spin_rl.viewer.snapshot import Snapshot, Target
 from spin_rl.viewer.stage import VISUAL_GROUP, DepthCamera, Stage
 
 _WALL_OPACITY = 0.28
+_GOAL_Z_M = 0.005
 _SEEN_SIZE_M = 0.035
 _UNSEEN_SIZE_M = 0.018
 
@@ -66,11 +67,13 @@ class WorldView:
         scene, before = snapshot.scene, self._scene
         if scene is not before:
             self._scene = scene
-            # Scenes of one episode share everything but the positions.
+            # Scenes of one episode share everything but positions and goal.
             if before is None or scene.half_size is not before.half_size:
                 self._add_scene(scene, has_goal=snapshot.scandots is not None)
             for slot, handle in self._slots.items():
                 handle.position = scene.pos[slot]
+            if self._goal is not None:
+                self._goal.position = (*scene.goal, _GOAL_Z_M)
         stage = self._stage
         stage.pose(snapshot)
         for body, handle in self._bodies.items():
@@ -110,13 +113,12 @@ class WorldView:
             thickness=0.01,
         )
 
-    def _add_goal(self, scene: Scene) -> Any:
+    def _add_goal(self) -> Any:
         return self._scene_api.add_cylinder(
             f"{self._name}/goal",
             radius=0.15,
-            height=0.01,
+            height=2.0 * _GOAL_Z_M,
             color=style.GOAL,
-            position=(*scene.goal, 0.005),
             cast_shadow=False,
         )
 
@@ -149,7 +151,7 @@ class WorldView:
         for handle in (self._goal, *self._slots.values()):
             if handle is not None:
                 handle.remove()
-        self._goal = self._add_goal(scene) if has_goal else None
+        self._goal = self._add_goal() if has_goal else None
         self._slots = {}
         names, colours = scene.pool.geom_names(), style.slot_colours(scene)
         for slot in np.flatnonzero(scene.active):

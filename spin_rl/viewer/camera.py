@@ -67,10 +67,12 @@ Point = tuple[float, float, float]
 View = tuple[Point, Point]
 
 DRIVE_VIEW: View = ((-2.1, 0.0, 2.3), (0.35, 0.0, 0.45))
-TABLE_VIEW: View = ((-1.15, -0.3, 1.7), (0.05, -0.6, 0.75))
+TABLE_VIEW: View = ((-1.7, 0.3, 1.95), (0.0, -0.22, 0.65))
+GRASP_VIEW: View = ((-1.15, -0.3, 1.7), (0.05, -0.6, 0.75))
 """Where the camera is and what it looks at, from the base: x ahead, y left, height over the floor [m].
 
-The arm reaches to the right."""
+From behind and above while the robot drives; with the table to the right, of robot and table, or close to the
+gripper."""
 
 
 class FollowCamera:
@@ -86,13 +88,13 @@ class FollowCamera:
         self._heading: np.ndarray | None = None
         self._view = np.zeros((2, 3))
 
-    def place(self, base: np.ndarray, dt: float, view: View = DRIVE_VIEW) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, base: np.ndarray, view: View, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Follow one step.
 
         Args:
-            base: Pose of the base (x [m], y [m], yaw [rad]), shape (3,).
+            base: Where the base is (x [m], y [m]), and which way is ahead in the view [rad], shape (3,).
+            view: `DRIVE_VIEW`, `TABLE_VIEW` or `GRASP_VIEW`.
             dt: Time since the last call [s].
-            view: `DRIVE_VIEW`, from behind and above, or `TABLE_VIEW`, close to the gripper.
 
         Returns:
             Position of the camera and the point that it looks at [m], world.

@@ -31,7 +31,7 @@ def progress_label(snapshot: Snapshot) -> str:
     if snapshot.stage == "carry":
         return f"start in {snapshot.goal_distance:.2f} m, {grip}"
     if snapshot.stage == "place":
-        return f"{snapshot.put_distance:.2f} m from the start, {grip}"
+        return f"object {snapshot.put_distance:.2f} m from start, {grip}"
     return f"lifted {max(target.height, 0.0):.2f} m, {grip}"
 
 

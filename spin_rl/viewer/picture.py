@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.viewer import style
-from spin_rl.viewer.camera import DRIVE_VIEW, TABLE_VIEW, FollowCamera, View
+from spin_rl.viewer.camera import DRIVE_VIEW, GRASP_VIEW, TABLE_VIEW, FollowCamera, View
 from spin_rl.viewer.labels import cell_label, progress_label
 from spin_rl.viewer.overlay import draw_overlays
 from spin_rl.viewer.plan import Plan
@@ -62,7 +62,7 @@ class PictureMaker:
             self._follow = FollowCamera()
         self._path.append(snapshot.qpos[:2])
         stage.pose(snapshot)
-        stage.place_view(*self._follow.place(snapshot.qpos[:3], self._period, _view(snapshot)))
+        stage.place_view(*self._follow.place(*_view(snapshot), self._period))
         view = draw_overlays(
             self._renderer.render(), self._renderer.camera(), stage.depth_camera(), snapshot.marks
         )
@@ -75,7 +75,7 @@ class PictureMaker:
         if snapshot.stage is not None:
             _draw_stages(draw, snapshot.stage)
         draw.text((_VIEW[0] + 10, _PLAN[1] + 2), camera_label(snapshot), fill=style.INK, font=_font(12))
-        _draw_legend(draw, (_VIEW[0] + depth.width + 22, _PLAN[1] + 18), snapshot)
+        _draw_legend(draw, (_VIEW[0] + depth.width + 18, _PLAN[1] + 18), snapshot)
         self._draw_strip(draw, snapshot)
         return picture
 
@@ -85,10 +85,10 @@ class PictureMaker:
         draw.text((10, top + 25), cell_label(snapshot), fill=style.UNSEEN, font=_font(13))
         episode = f"episode {snapshot.episode + 1}"
         draw.text((10, top + 43), episode, fill=style.UNSEEN, font=_font(13))
-        draw.text((216, top + 8), f"{snapshot.time:4.1f} s", fill=style.INK, font=_font(20))
+        draw.text((204, top + 8), f"{snapshot.time:4.1f} s", fill=style.INK, font=_font(20))
         outcome = snapshot.outcome.replace("_", "-")
-        draw.text((290, top + 8), outcome, fill=style.OUTCOME[snapshot.outcome], font=_font(20))
-        draw.text((216, top + 36), progress_label(snapshot), fill=style.UNSEEN, font=_font(13))
+        draw.text((278, top + 8), outcome, fill=style.OUTCOME[snapshot.outcome], font=_font(20))
+        draw.text((204, top + 36), progress_label(snapshot), fill=style.UNSEEN, font=_font(13))
         model = self._stage.model
         for row, joint in enumerate(("head_pan", "head_tilt", "lift")):
             low, high = model.joint(joint).range
@@ -96,7 +96,7 @@ class PictureMaker:
             y = top + 5 + 19 * row
             text = f"{value:.2f} m" if joint == "lift" else f"{np.degrees(value):.0f}°"
             label = {"head_pan": "camera pan", "head_tilt": "camera tilt", "lift": "arm lift"}[joint]
-            draw.text((410, y), label, fill=style.INK, font=_font(13))
+            draw.text((418, y), label, fill=style.INK, font=_font(13))
             draw.text((706, y), text, fill=style.INK, font=_font(13), anchor="ra")
             left, right = 492, 654
             draw.rounded_rectangle((left, y + 4, right, y + 11), 3, fill=(222, 226, 230))
@@ -106,14 +106,19 @@ class PictureMaker:
             draw.line((zero, y + 2, zero, y + 13), fill=style.UNSEEN)
 
 
-def _view(snapshot: Snapshot) -> View:
-    """From where the robot is shown well in what it does."""
-    at_table = snapshot.scandots is None or snapshot.stage in ("align", "pick", "retract")
-    return TABLE_VIEW if at_table else DRIVE_VIEW
+def _view(snapshot: Snapshot) -> tuple[np.ndarray, View]:
+    """From where the robot is shown well in what it does, as `FollowCamera.place` takes it."""
+    views = {None: GRASP_VIEW, "align": TABLE_VIEW, "pick": GRASP_VIEW, "retract": TABLE_VIEW}
+    if snapshot.target is None or snapshot.stage not in views:
+        return snapshot.qpos[:3], DRIVE_VIEW
+    # Whichever way the robot turns, the object's place is to the right.
+    x, y = snapshot.target.what.start_pose[:2] - snapshot.qpos[:2]
+    return np.array([*snapshot.qpos[:2], np.arctan2(y, x) + 0.5 * np.pi]), views[snapshot.stage]
 
 
 def _draw_stages(draw: ImageDraw.ImageDraw, present: str) -> None:
     """Name all stages along the top of the view, the present one in a box."""
+    draw.rectangle((0, 0, _VIEW[0] - 1, 29), fill=style.PAPER)
     width = _VIEW[0] / len(STAGES)
     for i, stage in enumerate(STAGES):
         middle = (i + 0.5) * width, 15

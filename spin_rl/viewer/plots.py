@@ -37,6 +37,7 @@ class Trace:
         extension: Of the arm [m].
         distance: For every group of `GROUPS`, distance from the base's origin to the nearest obstacle's
             footprint [m]; infinite where the scene has none.
+        stages: Where the task has stages, the time [s] at which each began, and its name.
     """
 
     time: np.ndarray
@@ -45,6 +46,7 @@ class Trace:
     lift: np.ndarray
     extension: np.ndarray
     distance: dict[str, np.ndarray]
+    stages: list[tuple[float, str]]
 
 
 def trace_of(snapshots: Sequence[Snapshot]) -> Trace:
@@ -63,6 +65,11 @@ def trace_of(snapshots: Sequence[Snapshot]) -> Trace:
             name: np.concatenate([nearest(s.scene, s.qpos[None, :2], levels) for s in snapshots])
             for name, levels in GROUPS.items()
         },
+        stages=[
+            (now.time, now.stage)
+            for before, now in zip([None, *snapshots], snapshots, strict=False)
+            if now.stage is not None and (before is None or before.stage != now.stage)
+        ],
     )
 
 
@@ -116,7 +123,7 @@ def write_plots(folder: Path, episodes: Sequence[Sequence[Snapshot]], title: str
     paths = []
     for i, snapshots in enumerate(episodes):
         path = folder / f"episode_{i + 1:03d}.png"
-        figure = plot_episode(trace_of(snapshots), f"{title}, episode {i + 1}: {snapshots[-1].outcome}")
+        figure = plot_episode(trace_of(snapshots), f"{title}, episode {i + 1}: {snapshots[-1].cause}")
         figure.savefig(path, dpi=110)
         paths.append(path)
     return paths
@@ -161,7 +168,18 @@ def plot_episode(trace: Trace, title: str) -> Any:
     axes[2, 1].set_xlabel("distance of the nearest obstacle [m]")
     for ax in axes.flat:
         ax.grid(alpha=0.25)
+    _mark_stages(axes[:, 0], trace.stages)
     return figure
+
+
+def _mark_stages(axes: Sequence[Any], stages: Sequence[tuple[float, str]]) -> None:
+    """Draw a line over time axes where a stage begins, and its name over the first of them."""
+    for begin, name in stages:
+        for ax in axes:
+            ax.axvline(begin, color="0.5", linewidth=0.8)
+        # Short stages are side by side: names that lean do not meet.
+        over = axes[0].get_xaxis_transform()
+        axes[0].annotate(name, (begin, 1.0), (0, 2), over, "offset points", rotation=35)
 
 
 def _mpl(colour: style.Rgb) -> tuple[float, ...]:

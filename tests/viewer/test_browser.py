@@ -3,10 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from viewer_worlds import POOL, SCENE, pick_snapshot, snapshot
+from viewer_worlds import POOL, SCENE, fetch_snapshot, pick_snapshot, snapshot
 
 from spin_rl.benchmark.policies import ZeroPolicy
 from spin_rl.config import ConfigError
+from spin_rl.tasks.fetch import FetchEnv
+from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.viewer import style
 from spin_rl.viewer.browser_scene import WorldView
 from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M
@@ -153,3 +155,36 @@ def test_the_object_moves_and_a_new_one_replaces_it(server):
     np.testing.assert_allclose(root.position, (1.0, 0.9, 1.1))
     view.update(pick_snapshot("mug"), np.zeros(2))
     assert view._object_root is not root
+
+
+def test_the_goal_of_a_fetch_moves_to_the_start(server):
+    view = WorldView(server, Stage(POOL, "portrait", with_object=True), "/world_0")
+    reach = fetch_snapshot("reach")
+    view.update(reach, np.zeros(2))
+    goal, slots = view._goal, dict(view._slots)
+    np.testing.assert_allclose(goal.position[:2], SCENE.goal)
+    view.update(fetch_snapshot("carry"), np.zeros(2))
+    carry = replace(reach, stage="carry", scene=replace(SCENE, goal=np.array([0.1, 0.2])))
+    view.update(carry, np.zeros(2))
+    assert view._goal is goal and view._slots == slots
+    np.testing.assert_allclose(goal.position[:2], (0.1, 0.2))
+
+
+def test_a_fetch_plays_and_the_status_tells_its_stage(browser, device):
+    env = FetchEnv(FetchConfig(), 1, device)
+
+    def open_player(name):
+        player = Player(env, ZeroPolicy())
+        player.start(2, 0, seed=3)
+        return player
+
+    browser.run(open_player, ["zero"], 2, 0, max_seconds=0.5)
+    assert "reach, running" in browser._status.content and "goal in" in browser._status.content
+    assert browser._scenario.visible and browser._views[0]._object_root is not None
+    player = open_player("zero")
+    env.sim.views.qpos[0, :2] = env.sim.views.goal[0]
+    browser.show(player.step(), player)
+    assert "align, running" in browser._status.content
+    browser._scenario.value = "1"
+    browser._change(player, open_player, ("zero", "2", "easy"))
+    assert player.snapshots[0].scene.scenario == 1 and "reach" in browser._status.content

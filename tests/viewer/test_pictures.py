@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from viewer_worlds import POOL, snapshot
+from viewer_worlds import POOL, fetch_snapshot, pick_snapshot, snapshot
 
 from spin_rl.config import ConfigError
 from spin_rl.extras import require
 from spin_rl.viewer import style
-from spin_rl.viewer.camera import PinholeCamera
+from spin_rl.viewer.camera import DRIVE_VIEW, GRASP_VIEW, TABLE_VIEW, PinholeCamera
 from spin_rl.viewer.overlay import draw_overlays
-from spin_rl.viewer.picture import SIZE, PictureMaker, camera_label, camera_picture, depth_picture
+from spin_rl.viewer.picture import SIZE, PictureMaker, _view, camera_label, camera_picture, depth_picture
 from spin_rl.viewer.snapshot import Scandots
 from spin_rl.viewer.stage import DepthCamera, Stage
 from spin_rl.viewer.video import check_video, open_video
@@ -133,3 +133,26 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(monkeypatch):
     message = str(error.value)
     assert message.startswith("video: needs imageio[ffmpeg]") and "pip install 'spin-rl[viewer]'" in message
     assert "\n" not in message
+
+
+def test_at_the_table_the_view_stays_however_the_robot_turns():
+    place = pick_snapshot().target.what.start_pose[:2]
+    for yaw in (0.0, 2.0):
+        base = (1.0, 0.2, yaw)
+        for state, view in (
+            (fetch_snapshot("reach", base=base), DRIVE_VIEW),
+            (fetch_snapshot("align", base=base), TABLE_VIEW),
+            (fetch_snapshot("pick", base=base), GRASP_VIEW),
+            (fetch_snapshot("place", base=base), DRIVE_VIEW),
+            (pick_snapshot(base=base), GRASP_VIEW),
+            (snapshot(base=base), DRIVE_VIEW),
+        ):
+            pose, chosen = _view(state)
+            assert chosen == view
+            np.testing.assert_allclose(pose[:2], base[:2])
+            right = (np.sin(pose[2]), -np.cos(pose[2]))
+            offset = place - pose[:2]
+            if view != DRIVE_VIEW:
+                np.testing.assert_allclose(right, offset / np.linalg.norm(offset), atol=1e-12)
+            else:
+                assert pose[2] == yaw

@@ -32,6 +32,17 @@ from spin_rl.viewer.native import draw_scandots, pose
         (["policy=zero", "world=3", "scene=lab.yaml"], "world: a scene file is the same in every world"),
         (["policy=zero", "task=pick", "world=3"], "world: 3 needs a policy of task=nav"),
         (["policy=nav-cvo", "task=pick", "viewer=none"], "policy: nav-cvo was trained with task=nav"),
+        (["policy=zero", "pick=pick-teacher", "viewer=none"], "pick: pick-teacher needs task=fetch"),
+        (["policy=zero", "task=fetch", "pick=7"], "pick: expected a name, got 7"),
+        (["policy=zero", "task=fetch", "scene=lab.yaml"], "scene: lab.yaml needs a policy of task=nav"),
+        (
+            ["policy=pick-teacher", "task=fetch", "viewer=none"],
+            "policy: pick-teacher was trained with task=pick",
+        ),
+        (
+            ["policy=zero", "task=fetch", "pick=nav-cvo", "viewer=none"],
+            "pick: nav-cvo was trained with task=nav",
+        ),
         (["policy=zero", "device=tpu"], "device: unknown device 'tpu'"),
         (["policy=zero", "viewer=none", "scene=missing.yaml"], "scene: there is no file missing.yaml"),
         (["policy=zero", "viwer=none"], "viwer"),
@@ -85,3 +96,15 @@ def test_native_window_marks_the_object_and_no_goal():
     draw_scandots(scene, state)
     assert scene.ngeom == 1
     np.testing.assert_allclose(scene.geoms[0].pos, state.target.pose[:3], atol=1e-6)
+
+
+def test_a_fetch_end_to_end(monkeypatch, capfd, device):
+    arguments = ["task=fetch", "policy=zero", "pick=random", "viewer=none", "scenario=1", "difficulty=easy",
+                 "task.object=can", "task.limits.reach=0.2", "episodes=2", f"device={device}"]  # fmt: skip
+    monkeypatch.setattr(sys, "argv", ["spin-play", *arguments])
+    play.main()
+    lines = capfd.readouterr().out.splitlines()
+    assert lines[-1].endswith("0 of 2 fetches done (2 reach timeout)")
+    assert any(
+        "episode 2: reach timeout after 0.2 s" in line and "scenario 1, easy, can" in line for line in lines
+    )

@@ -2,7 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from viewer_worlds import SCENE, snapshot
+import torch
+import warp as wp
+from viewer_worlds import SCENE, fetch_snapshot, snapshot
 
 from spin_rl import robot
 from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
@@ -10,6 +12,9 @@ from spin_rl.scenes.params import GeneratorParams
 from spin_rl.sensors.depth_filter import DepthFilterConfig
 from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.fetch import FetchEnv
+from spin_rl.tasks.fetch_config import FetchConfig
+from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.tasks.pick import PickEnv
 from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
@@ -163,3 +168,49 @@ def test_player_shows_the_object_of_every_episode(device):
         new = player.snapshots[world].target
         assert new.what is not last.target.what and new.what.kind == last.target.what.kind
         np.testing.assert_allclose(new.pose[:3], new.what.start_pose[:3], atol=1e-5)
+
+
+def test_player_shows_stage_object_and_present_goal_of_fetches(device):
+    env = FetchEnv(FetchConfig(), 2, device)
+    env.set_objects(["mug", "banana"])
+    player = Player(env, ZeroPolicy())
+    first = player.start(2, 0, seed=5)
+    for state in first:
+        assert state.stage == "reach" and state.scene.scenario == 2 and state.scene.difficulty == 0
+        assert len(state.scandots.points) > 0
+        assert state.target.height == pytest.approx(0.0, abs=1e-4)
+        offset = state.target.pose[:2] - state.scene.start[:2]
+        assert state.put_distance == pytest.approx(float(np.linalg.norm(offset))) and state.put_distance > 1.0
+        np.testing.assert_array_equal(state.marks.points[-1], state.target.pose[:3])
+    table = first[0].scene.goal
+
+    # The first robot has come to the table, folded what it holds, and is about to carry it back.
+    env.sim.views.qpos[0, :2] = env.sim.views.goal[0]
+    assert [state.stage for state in player.step()] == ["align", "reach"]
+    for name, value in (("stage", STAGES.index("retract")), ("phase", 4), ("phase_time", 10)):
+        wp.to_torch(getattr(env._state, name))[0] = value
+    env.sim.views.target[0] = torch.tensor([robot.STOWED[name] for name in robot.JOINTS])
+    carry, other = player.step()
+    assert (carry.stage, other.stage) == ("carry", "reach")
+    np.testing.assert_allclose(carry.scene.goal, carry.scene.start[:2])
+    assert carry.scene.half_size is first[0].scene.half_size and first[0].scene.goal is table
+    assert other.scene is first[1].scene
+
+    # Its hand is empty, which ends the fetch; the next one has a goal at its own table.
+    while not carry.ended:
+        carry = player.step()[0]
+    assert carry.cause == "carry dropped" and carry.scene.goal is not table
+    new = player.snapshots[0]
+    assert new.stage == "reach" and new.goal_distance > 2.0
+
+
+def test_plots_name_the_stages_where_they_begin():
+    pytest.importorskip("matplotlib")
+    stages = ["reach", "reach", "align", "pick", "align"]
+    trace = trace_of([fetch_snapshot(stage, time=0.1 * i) for i, stage in enumerate(stages)])
+    names = [(pytest.approx(0.1 * i), stages[i]) for i in (0, 2, 3, 4)]
+    assert trace.stages == names
+    assert [text.get_text() for text in plot_episode(trace, "a fetch").axes[0].texts] == [
+        "reach", "align", "pick", "align"
+    ]  # fmt: skip
+    assert trace_of([snapshot()]).stages == []

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
-from viewer_worlds import POOL, SCENE, pick_snapshot, snapshot
+from viewer_worlds import POOL, SCENE, fetch_snapshot, pick_snapshot, snapshot
 
 from spin_rl import robot
 from spin_rl.scenes import kinds
@@ -158,3 +160,19 @@ def test_only_a_task_with_a_goal_shows_one(table_stage):
     assert near > far  # pixels of a metre
     picture = np.asarray(plans[1].draw(table_stage, pick_snapshot(), np.zeros((1, 2))))
     assert not (picture == style.GOAL).all(-1).any()
+
+
+def test_the_plan_of_a_fetch_shows_its_start_and_the_present_goal(table_stage):
+    plan = Plan(SCENE, 400, 400)
+    reach, carry = (fetch_snapshot(stage, base=(1.5, -0.3, -1.5)) for stage in ("reach", "carry"))
+    pictures = []
+    for state in (reach, replace(carry, scene=replace(SCENE, goal=np.zeros(2)))):
+        table_stage.pose(state)
+        np.testing.assert_allclose(table_stage.data.geom("goal").xpos[:2], state.scene.goal)
+        pictures.append(np.asarray(plan.draw(table_stage, state, np.zeros((1, 2)))))
+    pixel = [tuple(plan.pixels(np.array([point]))[0].astype(int)[::-1]) for point in ((3.5, 0.0), (0.0, 0.0))]
+    is_goal = [[tuple(picture[at]) == style.GOAL for at in pixel] for picture in pictures]
+    assert is_goal == [[True, False], [False, True]]
+    row, column = pixel[1]
+    near = pictures[0][row - 20 : row + 20, column - 20 : column + 20].astype(int)
+    assert (np.abs(near - style.GOAL).sum(-1) < 60).any()  # a ring around the start

@@ -89,25 +89,25 @@ def test_placed_view_looks_at_its_target_upright(stage):
 
 def test_follow_camera_turns_smoothly():
     follow, view = FollowCamera(time_constant=1.0), ((-2.0, 0.0, 1.5), (0.3, 0.0, 0.4))
-    pos, target = follow.place(np.array([1.0, 2.0, 0.0]), 0.1, view)
+    pos, target = follow.place(np.array([1.0, 2.0, 0.0]), view, 0.1)
     np.testing.assert_allclose(pos, (-1.0, 2.0, 1.5))
     assert target[0] > 1.0
     turned = np.array([1.0, 2.0, np.pi / 2])
-    assert follow.place(turned, 0.1, view)[0][0] < -0.9  # hardly moved
+    assert follow.place(turned, view, 0.1)[0][0] < -0.9  # hardly moved
     for _ in range(200):
-        pos, target = follow.place(turned, 0.1, view)
+        pos, target = follow.place(turned, view, 0.1)
     np.testing.assert_allclose(pos, (1.0, 0.0, 1.5), atol=1e-6)
     np.testing.assert_allclose(target, (1.0, 2.3, 0.4), atol=1e-6)
 
 
 def test_the_view_of_a_table_is_from_the_side_of_the_arm():
-    pos, target = FollowCamera().place(np.array([1.0, 2.0, np.pi / 2]), 0.1, TABLE_VIEW)  # right is +x
+    pos, target = FollowCamera().place(np.array([1.0, 2.0, np.pi / 2]), TABLE_VIEW, 0.1)  # right is +x
     assert target[0] > 1.4 and pos[0] > 1.0 and pos[1] < 1.5
 
 
 def test_the_camera_goes_from_one_view_to_another_without_a_jump():
     follow, base = FollowCamera(), np.zeros(3)
-    places = [follow.place(base, 0.1, DRIVE_VIEW)] + [follow.place(base, 0.1, TABLE_VIEW) for _ in range(60)]
+    places = [follow.place(base, DRIVE_VIEW, 0.1)] + [follow.place(base, TABLE_VIEW, 0.1) for _ in range(60)]
     np.testing.assert_allclose(places[0], DRIVE_VIEW)
     np.testing.assert_allclose(places[-1], TABLE_VIEW, atol=0.01)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)

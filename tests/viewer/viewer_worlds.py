@@ -50,4 +50,9 @@ def pick_snapshot(kind="banana", pose=(1.0, 0.9, 0.8, 0.5, 0.5, 0.5, 0.5), seen=
     return replace(snapshot(**options), scandots=None, target=target)
 
 
+def fetch_snapshot(stage, kind="banana", **options) -> Snapshot:
+    """A stage of a fetch in the corridor."""
+    return replace(snapshot(**options), target=pick_snapshot(kind).target, stage=stage)
+
+
 SCENE = scene()
