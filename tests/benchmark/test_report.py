@@ -4,7 +4,7 @@ from dataclasses import asdict
 import pytest
 
 from spin_rl import robot
-from spin_rl.benchmark import report
+from spin_rl.benchmark import pick_report, report
 from spin_rl.benchmark.reach import REACH_CELLS
 from spin_rl.sensors.depth_noise import DepthNoiseConfig
 
@@ -81,6 +81,13 @@ def test_table_without_success(six_cells):
 def test_table_of_a_scene_has_no_paper_columns():
     text = report.table(make_result([make_row("kitchen.yaml", "scene")]))
     assert "kitchen.yaml" in text and "SPIN" not in text and "paper (Table 1)" not in text
+
+
+def test_table_of_picks_tells_successes_without_contact():
+    rows = [make_row(0, "", object=name, untouched_rate=rate) for name, rate in (("mug", 0.7), ("can", 0.5))]
+    lines = pick_report.table(make_result(rows) | {"overall": rows[0] | {"untouched_rate": 0.6}}).splitlines()
+    at = lines[1].index("untouched")
+    assert [line[at:].split()[0] for line in lines[1:5]] == ["untouched", "0.60", "0.70", "0.50"]
 
 
 def test_main_causes_are_sorted_and_limited():
