@@ -12,7 +12,7 @@ from spin_rl import robot
 from spin_rl.scenes.corridor import Slots
 from spin_rl.scenes.params import vec8
 from spin_rl.scenes.tabletop_start import lift_of
-from spin_rl.sim.targets import action_for
+from spin_rl.sim.targets import action_for, joint_target
 from spin_rl.tasks.fetch_bumper import without_bumps
 from spin_rl.tasks.fetch_moves import (
     ARM,
@@ -36,6 +36,8 @@ from spin_rl.tasks.fetch_state import ALIGN, CARRY, PICK, PLACE, REACH, RELEASE_
 from spin_rl.tasks.pick_episode import Forces
 
 _LIFT_MAX = wp.constant(robot.JOINT_UPPER[0])
+_LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
+_RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))
 
 _STAND_M = wp.constant(0.70)
 """Distance of the base from the object to pick it from; the pick task has 0.57 to 0.85 m."""
@@ -63,6 +65,11 @@ _RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
 _LOWER_RATE = wp.constant(0.12)
 _CARRY_RATE = wp.constant(0.6)
 """Part of these rates with an object in the hand."""
+_CARRY_LIFT_RATE = wp.constant(0.15)
+"""How fast the lift moves while the navigation policy drives with an object in the hand [m/s]."""
+_GRIP_LEAD = wp.constant(0.14)
+"""How far the fingers' target is within where they are [rad]. With both servos at their limit nothing would
+keep the object from wandering sideways between the fingers."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -125,12 +132,12 @@ def _align(
 
 
 @wp.func
-def _retract(w: int, c: Command, base: wp.vec3, turning: float, state: FetchState) -> Command:
+def _retract(w: int, c: Command, base: wp.vec3, turning: float, grip: float, state: FetchState) -> Command:
     """Lift the object further, arm in, back to the middle of the corridor, and take it over the base."""
     phase = state.phase[w]
     stand = state.stand[w]
     c.rate = _CARRY_RATE
-    c.joints[FINGER] = -1.0
+    c.joints[FINGER] = grip
     if phase == 0:
         c.joints[LIFT] = wp.min(state.mark[w] + _RAISE_M, _LIFT_MAX)
     elif phase == 1:
@@ -150,13 +157,15 @@ def _retract(w: int, c: Command, base: wp.vec3, turning: float, state: FetchStat
 
 
 @wp.func
-def _place(w: int, c: Command, base: wp.vec3, supported: bool, state: FetchState, period: float) -> Command:
+def _place(
+    w: int, c: Command, base: wp.vec3, grip: float, supported: bool, state: FetchState, period: float
+) -> Command:
     """Turn away from the corridor, hold the object ahead of the base, lower it, open, raise the hand."""
     phase = state.phase[w]
     c.rate = _CARRY_RATE
     c.joints[PAN] = 0.0
     c.joints[TILT] = LOOK_TILT
-    c.joints[FINGER] = wp.where(phase < RELEASE_PHASE, -1.0, _OPEN)
+    c.joints[FINGER] = wp.where(phase < RELEASE_PHASE, grip, _OPEN)
     if phase == 0:
         # The corridor begins along +x.
         off = wrapped(wp.pi - base[2])
@@ -187,17 +196,27 @@ def _place(w: int, c: Command, base: wp.vec3, supported: bool, state: FetchState
 
 
 @wp.func
-def _carry(w: int, drive: Drive, target: wp.array2d[float], action: wp.array2d[float]) -> None:
+def _target_of(joint: int, value: float, drive: Drive) -> float:
+    return joint_target(value, drive.joint_low[joint], drive.joint_default[joint], drive.joint_high[joint])
+
+
+@wp.func
+def _action_of(joint: int, target: float, drive: Drive) -> float:
+    return action_for(target, drive.joint_low[joint], drive.joint_default[joint], drive.joint_high[joint])
+
+
+@wp.func
+def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action: wp.array2d[float]) -> None:
     """Change the navigation policy's action so that the object stays in the hand."""
     for joint in range(wp.static(6)):
         if joint == FINGER:
-            action[w, joint + 2] = -1.0
+            action[w, joint + 2] = _action_of(joint, grip, drive)
         elif not drive.carry_moves[joint]:
-            action[w, joint + 2] = action_for(
-                target[w, joint], drive.joint_low[joint], drive.joint_default[joint], drive.joint_high[joint]
-            )
-    lowest = action_for(drive.carry_lift, drive.joint_low[0], drive.joint_default[0], drive.joint_high[0])
-    action[w, LIFT + 2] = wp.max(action[w, LIFT + 2], lowest)
+            action[w, joint + 2] = _action_of(joint, target[w, joint], drive)
+    most = _CARRY_LIFT_RATE * drive.period
+    wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift)
+    now = target[w, LIFT]
+    action[w, LIFT + 2] = _action_of(LIFT, now + wp.clamp(wanted - now, -most, most), drive)
 
 
 @wp.kernel
@@ -219,6 +238,7 @@ def _script_actions(
     if stage == REACH:
         return
     base = wp.vec3(qpos[w, 0], qpos[w, 1], qpos[w, 2])
+    grip = 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT]) - _GRIP_LEAD
     if stage == PICK:
         # The policy does not see walls.
         speed = wp.cw_mul(drive.pick_speed, wp.vec2(action[w, 0], action[w, 1]))
@@ -227,7 +247,7 @@ def _script_actions(
         action[w, 1] = safe[1]
         return
     if stage == CARRY:
-        _carry(w, drive, target, action)
+        _carry(w, drive, grip, target, action)
         return
     c = Command()
     c.rate = 1.0
@@ -238,9 +258,9 @@ def _script_actions(
         along = wp.vec2(wp.cos(yaw), wp.sin(yaw))
         c = _align(w, c, base, qvel[w, 2], along, state, drive.period)
     elif stage == RETRACT:
-        c = _retract(w, c, base, qvel[w, 2], state)
+        c = _retract(w, c, base, qvel[w, 2], grip, state)
     elif stage == PLACE:
-        c = _place(w, c, base, forces.support[w], state, drive.period)
+        c = _place(w, c, base, grip, forces.support[w], state, drive.period)
 
     move = without_bumps(w, base, c.forward, c.turn, slots)
     action[w, 0] = move[0] / wp.where(move[0] >= 0.0, drive.base_speed[0], drive.base_speed[1])
@@ -254,12 +274,7 @@ def _script_actions(
             most = 10.0
         if joint < FINGER and wp.abs(goal - now) > 1.0e-3:
             moving = True
-        action[w, joint + 2] = action_for(
-            now + wp.clamp(goal - now, -most, most),
-            drive.joint_low[joint],
-            drive.joint_default[joint],
-            drive.joint_high[joint],
-        )
+        action[w, joint + 2] = _action_of(joint, now + wp.clamp(goal - now, -most, most), drive)
 
     # Phases that only move joints are done when these have followed.
     state.phase_time[w] = wp.where(moving, 0, state.phase_time[w] + 1)
