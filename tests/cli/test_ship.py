@@ -10,8 +10,8 @@ ROW = {"success_rate": 0.5, "ci95": [0.4, 0.6], "duration_s": None, "episodes": 
 REPORTS = {
     "reach": {"rows": [ROW | {"scenario": 1, "difficulty": "easy", "causes": {"base": 1.0}}]},
     "pick": {
-        "overall": ROW | {"causes": {"dropped": 1.0}},
-        "rows": [ROW | {"object": "mug", "causes": {"dropped": 1.0}}],
+        "overall": ROW | {"untouched_rate": 0.5, "causes": {"dropped": 1.0}},
+        "rows": [ROW | {"object": "mug", "untouched_rate": 0.5, "causes": {"dropped": 1.0}}],
     },
 }
 
