@@ -23,6 +23,7 @@ _HOLD_S = 0.8  # the last picture of an episode stays, so that its outcome can b
 _GIF_WIDTH = 480
 _GIF_COLOURS = 96
 _PALETTE_SAMPLES = 12
+_GIF_KEPT = 8  # of 255, less than tiles of the floor differ
 
 Append = Callable[[Image.Image], None]
 
@@ -88,10 +89,26 @@ def _gif(path: Path, fps: float) -> Iterator[Append]:
         pictures.append(picture.resize((_GIF_WIDTH, height), Image.Resampling.LANCZOS))
 
     yield append
-    # One palette and no dithering: pictures then differ only where something moves.
-    palette = _palette(pictures)
-    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    frames = _frames(pictures)
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0)
+
+
+def _frames(pictures: list[Image.Image]) -> list[Image.Image]:
+    """Frames that differ only where something moves: one palette, no dithering, and no slight changes."""
+    palette = _palette(pictures)
+    entries = palette.getpalette() or []
+    colours = np.array(entries).reshape(-1, 3)
+    frames, shown = [], None
+    for picture in pictures:
+        indices = np.asarray(picture.quantize(palette=palette, dither=Image.Dither.NONE))
+        if shown is not None:
+            change = np.abs(np.asarray(picture).astype(int) - colours[shown]).max(-1)
+            indices = np.where(change <= _GIF_KEPT, shown, indices)
+        shown = indices
+        frame = Image.fromarray(indices)
+        frame.putpalette(entries)
+        frames.append(frame)
+    return frames
 
 
 def _palette(pictures: list[Image.Image]) -> Image.Image:

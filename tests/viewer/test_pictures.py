@@ -110,6 +110,25 @@ def test_gif_keeps_every_picture(tmp_path):
         assert gif.n_frames == 3 and gif.info["duration"] == 100
 
 
+def test_gif_keeps_pixels_that_hardly_change(tmp_path):
+    path = tmp_path / "a.gif"
+    pictures = [np.full((SIZE[1], SIZE[0], 3), 200, np.uint8) for _ in range(3)]
+    for i, shade in enumerate((200, 204, 240)):
+        pictures[i][:, : SIZE[0] // 2] = shade
+        pictures[i][:10, -10 * (i + 1) :] = 0  # so that no two are the same
+    with open_video(path, fps=10) as append:
+        for picture in pictures:
+            append(Image.fromarray(picture))
+    shades = []
+    with Image.open(path) as gif:
+        assert gif.n_frames == 3
+        for i in range(3):
+            gif.seek(i)
+            shades.append(np.asarray(gif.convert("RGB")).astype(int)[150, 100, 0])
+    assert shades[0] == shades[1] < shades[2]
+    assert abs(shades[0] - 200) < 4 and abs(shades[2] - 240) < 4
+
+
 def test_a_failed_video_leaves_nothing(tmp_path):
     with pytest.raises(RuntimeError), open_video(tmp_path / "a.gif", fps=10) as append:
         append(Image.new("RGB", SIZE))
