@@ -163,7 +163,6 @@ def test_the_goal_of_a_fetch_moves_to_the_start(server):
     view.update(reach, np.zeros(2))
     goal, slots = view._goal, dict(view._slots)
     np.testing.assert_allclose(goal.position[:2], SCENE.goal)
-    view.update(fetch_snapshot("carry"), np.zeros(2))
     carry = replace(reach, stage="carry", scene=replace(SCENE, goal=np.array([0.1, 0.2])))
     view.update(carry, np.zeros(2))
     assert view._goal is goal and view._slots == slots
