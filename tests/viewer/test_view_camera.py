@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from viewer_worlds import POOL, snapshot
 
-from spin_rl.viewer.camera import DRIVE_VIEW, TABLE_VIEW, FollowCamera, PinholeCamera
+from spin_rl.viewer.camera import DRIVE_VIEW, GRASP_VIEW, TABLE_VIEW, FollowCamera, PinholeCamera
 from spin_rl.viewer.stage import Stage
 
 WIDTH, HEIGHT = 320, 200
@@ -100,9 +100,11 @@ def test_follow_camera_turns_smoothly():
     np.testing.assert_allclose(target, (1.0, 2.3, 0.4), atol=1e-6)
 
 
-def test_the_view_of_a_table_is_from_the_side_of_the_arm():
-    pos, target = FollowCamera().place(np.array([1.0, 2.0, np.pi / 2]), TABLE_VIEW, 0.1)  # right is +x
-    assert target[0] > 1.4 and pos[0] > 1.0 and pos[1] < 1.5
+def test_views_of_a_table_look_to_the_side_of_the_arm_the_closer_one_farther():
+    base = np.array([1.0, 2.0, np.pi / 2])  # right is +x
+    (_, table), (pos, grasp) = (FollowCamera().place(base, view, 0.1) for view in (TABLE_VIEW, GRASP_VIEW))
+    assert 1.0 < table[0] < grasp[0] and grasp[0] > 1.4
+    assert pos[0] > 1.0 and pos[1] < 1.5
 
 
 def test_the_camera_goes_from_one_view_to_another_without_a_jump():
