@@ -309,4 +309,6 @@ def _compile(pool: PoolSpec, config: SimConfig, *, with_object: bool) -> mujoco.
     spec.option.timestep = config.timestep
     spec.option.iterations = config.iterations
     spec.option.ls_iterations = config.ls_iterations
+    if config.impratio is not None:
+        spec.option.impratio = config.impratio
     return spec.compile()

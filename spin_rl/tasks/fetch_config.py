@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from spin_rl.scenes.fetch_params import FetchSceneParams
 from spin_rl.sim import SimConfig
@@ -14,6 +14,8 @@ from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.observations import NoiseConfig
 from spin_rl.tasks.pick_config import GRASP_SIM, SightConfig
 
+CARRY_SIM = replace(GRASP_SIM, impratio=100.0)
+"""Physics in which fingers hold an object for long, as in conf/sim/carry.yaml."""
 CARRY_JOINTS = ("lift", "arm_extension", "wrist_yaw", "wrist_pitch", "wrist_roll")
 
 
@@ -99,7 +101,7 @@ class FetchConfig(TaskConfig):
     dynamics: DynamicsConfig = field(
         default_factory=lambda: DynamicsConfig((0.15, 0.15), (0.1, 0.1), (1.0, 1.0))
     )
-    sim: SimConfig = GRASP_SIM
+    sim: SimConfig = CARRY_SIM
     scene: FetchSceneParams = field(default_factory=FetchSceneParams)
     scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
     sight: SightConfig = field(default_factory=SightConfig)

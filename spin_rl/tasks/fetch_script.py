@@ -52,6 +52,8 @@ _RAISE_M = wp.constant(0.1)
 # To put down: the arm extends past the base's side and the gripper points ahead of the base.
 _PLACE_ARM_M = wp.constant(0.13)
 _PLACE_YAW = wp.constant(1.9)
+_PLACE_SPREAD = wp.constant(0.6)
+"""Deeper than this pitch downwards the hand turns away from the base by as much, or a finger would hit it."""
 _PLACE_LIFT_M = wp.constant(0.55)
 _DEEPEST_PITCH = wp.constant(-0.9)
 _BACK_M = wp.constant(0.05)
@@ -177,7 +179,7 @@ def _place(
         c.joints[ARM] = _PLACE_ARM_M
     elif phase == 2:
         # As it stood on the table.
-        c.joints[YAW] = _PLACE_YAW
+        c.joints[YAW] = _PLACE_YAW + wp.clamp(state.grip[w][0] + _PLACE_SPREAD, -0.6, 0.0)
         c.joints[PITCH] = state.grip[w][0]
         c.joints[ROLL] = state.grip[w][1]
     elif phase == 3:
