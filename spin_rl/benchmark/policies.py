@@ -94,7 +94,10 @@ def open_fetch_policy(nav: str, pick: str | None) -> tuple[PolicyFactory, dict[s
         make_pick, pick_trained = open_policy(pick)
     except ConfigError as error:
         raise ConfigError(str(error).replace("policy:", "pick:", 1)) from None
-    for key, name, trained, task in (("policy", nav, nav_trained, "nav"), ("pick", pick, pick_trained, "pick")):
+    for key, name, trained, task in (
+        ("policy", nav, nav_trained, "nav"),
+        ("pick", pick, pick_trained, "pick"),
+    ):
         own = trained.get("task", {}).get("name", task)
         if own != task:
             raise ConfigError(f"{key}: {name} was trained with task={own}; a fetch needs one of task={task}")

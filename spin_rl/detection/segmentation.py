@@ -11,6 +11,9 @@ import warp as wp
 from spin_rl.sensors.depth import DepthCamera
 from spin_rl.warp_kernels.depth_targets import deproject_pixels, find_targets
 
+CENTRE_OFFSET_M = {"banana": 0.019, "mug": 0.030, "can": 0.029, "brick": 0.020, "bottle": 0.043}
+"""How far behind what is seen of it an object's centre is, along the line of sight; see docs/detection.md."""
+
 
 class SegmentationDetector:
     """Finds each world's object in the camera's image and deprojects it.

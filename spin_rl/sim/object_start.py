@@ -12,6 +12,17 @@ _FINGER_DOF = wp.constant(robot.DOF_NAMES.index("finger_left"))
 _FINGER_ACTION = wp.constant(robot.ACTIONS.index("gripper_finger"))
 
 
+@wp.func
+def hold_still(
+    w: int, qpos: wp.array2d(dtype=float), increments: Increments, action: wp.array2d(dtype=float)
+) -> None:
+    """Write the action of the incremental mode that holds the robot's pose."""
+    for i in range(action.shape[1]):
+        action[w, i] = 0.0
+    hold = (qpos[w, _FINGER_DOF] - increments.gripper_middle) / increments.gripper_span
+    action[w, _FINGER_ACTION] = wp.clamp(hold, -1.0, 1.0)
+
+
 @wp.kernel
 def _place_objects(
     # In
@@ -34,11 +45,7 @@ def _place_objects(
     qpos_out[w, _FIRST + 5] = 0.0
     qpos_out[w, _FIRST + 6] = wp.sin(0.5 * pose[3])
     if mode[w] == INCREMENTAL:
-        for i in range(action_out.shape[1]):
-            action_out[w, i] = 0.0
-        finger = qpos_out[w, _FINGER_DOF]
-        hold = (finger - increments.gripper_middle) / increments.gripper_span
-        action_out[w, _FINGER_ACTION] = wp.clamp(hold, -1.0, 1.0)
+        hold_still(w, qpos_out, increments, action_out)
 
 
 def place_objects(

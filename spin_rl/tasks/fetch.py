@@ -11,7 +11,6 @@ from tensordict import TensorDict
 from spin_rl import robot
 from spin_rl.scenes.corridor import Slots
 from spin_rl.scenes.fetch import generate_fetch_scenes
-from spin_rl.sensors.object_sight import ObjectSight
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
@@ -20,6 +19,7 @@ from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.fetch_observations import FetchObservations
 from spin_rl.tasks.fetch_results import FetchEpisodes, FetchStatistics, FetchStep, read_record
+from spin_rl.tasks.fetch_sight import FetchSight
 from spin_rl.tasks.object_choice import ObjectChoice
 from spin_rl.tasks.observations import NavObservations
 from spin_rl.tasks.pick_episode import Forces
@@ -83,20 +83,20 @@ class FetchEnv(ObjectChoice, TaskEnv):
             near=cfg.scandots.near_m,
             occlusion=cfg.scandots.occlusion,
         )
-        self.sight = ObjectSight(
-            sim.layout,
-            **sites,
+        self.sight = FetchSight(
+            sim,
+            cfg.detector,
+            {"near": cfg.sight.near_m, "far": cfg.sight.far_m, "occlusion": cfg.sight.occlusion},
+            camera_mount=cfg.camera_mount,
             **camera,
-            object_column=len(robot.DOF_NAMES),
-            near=cfg.sight.near_m,
-            far=cfg.sight.far_m,
-            occlusion=cfg.sight.occlusion,
+            images=self.depth,
         )
         pick = PickObservations(
             sim,
-            self.sight,
             PickNoise(object_m=cfg.noise.object_m),
             seed + 1,
+            seen=wp.to_torch(self.sight.seen),
+            at=wp.to_torch(self.sight.at),
             length=wp.to_torch(self._state.time),
             held=wp.to_torch(self._state.held),
             max_length=round(cfg.limits.pick / cfg.sim.control_period),
@@ -146,7 +146,7 @@ class FetchEnv(ObjectChoice, TaskEnv):
         sim.advance()
         # Poses are those of the last substep's start until now.
         sim.forward()
-        self.sight.update()
+        # The object is seen as it was when the action was chosen.
         wp.launch(
             fetch_stages._advance_stages,
             dim=self.num_envs,
@@ -202,7 +202,7 @@ class FetchEnv(ObjectChoice, TaskEnv):
         wp.launch(
             fetch_start._watch_objects,
             dim=self.num_envs,
-            inputs=[self.sight.seen, sim.data.qpos],
+            inputs=[self.sight.seen, self.sight.at],
             outputs=[self._state],
         )
         if self.depth is not None:
@@ -243,6 +243,7 @@ def _rules(cfg: FetchConfig) -> fetch_state.FetchRules:
     period = cfg.sim.control_period
     rules = fetch_state.FetchRules()
     rules.limits = wp.array([round(limit / period) for limit in cfg.limits.seconds()], dtype=wp.int32)
+    rules.max_length = round(cfg.episode_s / period)
     rules.retries = cfg.retries
     rules.hold_steps = max(round(cfg.hold_s / period), 1)
     rules.goal_tolerance = cfg.goal_tolerance_m

@@ -9,6 +9,7 @@ from spin_rl.scenes.fetch_params import FetchSceneParams
 from spin_rl.sim import SimConfig
 from spin_rl.sim.manipulation import ManipulationConfig
 from spin_rl.tasks.config import CurriculumConfig, DynamicsConfig, ScandotsConfig, TaskConfig
+from spin_rl.tasks.fetch_sight import DETECTORS
 from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.observations import NoiseConfig
@@ -61,6 +62,8 @@ class FetchConfig(TaskConfig):
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix.
         object: One of `objects.OBJECTS`, or "any".
+        detector: How the object is found, one of `fetch_sight.DETECTORS`: "none" takes its true place while
+            it is in sight (`sight`), "segmentation" finds it in depth images.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
         goal_tolerance_m: Distance at which the table, and later the start, is reached [m].
@@ -85,6 +88,7 @@ class FetchConfig(TaskConfig):
     scenario: int = 0
     difficulty: int = -1
     object: str = ANY_OBJECT
+    detector: str = "none"
     limits: StageLimits = field(default_factory=StageLimits)
     retries: int = 1
     goal_tolerance_m: float = 0.15
@@ -128,6 +132,8 @@ class FetchConfig(TaskConfig):
         if self.difficulty not in (-1, 0, 1, 2):
             raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
         check_object(self.object)
+        if self.detector not in DETECTORS:
+            raise ValueError(f"task.detector must be one of {', '.join(DETECTORS)}, got {self.detector!r}")
         if self.retries < 0:
             raise ValueError(f"task.retries must not be negative, got {self.retries}")
         unknown = sorted(set(self.carry_moves) - set(CARRY_JOINTS))

@@ -69,6 +69,8 @@ _CARRY_RATE = wp.constant(0.6)
 """Part of these rates with an object in the hand."""
 _CARRY_LIFT_RATE = wp.constant(0.15)
 """How fast the lift moves while the navigation policy drives with an object in the hand [m/s]."""
+_HOLDS_N = wp.constant(2.0)
+"""Fingertips that press with more than this together hold something."""
 _GRIP_LEAD = wp.constant(0.14)
 """How far the fingers' target is within where they are [rad]. With both servos at their limit nothing would
 keep the object from wandering sideways between the fingers."""
@@ -93,14 +95,27 @@ class Drive:
 
 @wp.func
 def _align(
-    w: int, c: Command, base: wp.vec3, turning: float, along: wp.vec2, state: FetchState, period: float
+    w: int,
+    c: Command,
+    base: wp.vec3,
+    turning: float,
+    along: wp.vec2,
+    grip: float,
+    holds: bool,
+    state: FetchState,
+    period: float,
 ) -> Command:
     """Find the object, get the hand out of its way, stand before it, turn beside it, and unfold.
 
-    `along` points across the table, away from the robot.
+    `along` points across the table, away from the robot; `holds` tells that an object hangs in the hand.
     """
     phase = state.phase[w]
     at = state.found[w]
+    if holds and phase == 0:
+        # After a pick that was not one: down with it before the fingers open.
+        c.joints[FINGER] = grip
+        c.joints[LIFT] = wp.max(c.joints[LIFT] - _LOWER_RATE * period, 0.0)
+        return c
     c.joints[FINGER] = _OPEN
     if phase == 0:
         if state.is_found[w]:
@@ -258,7 +273,9 @@ def _script_actions(
     if stage == ALIGN:
         yaw = slots.yaw[w, drive.table_slot]
         along = wp.vec2(wp.cos(yaw), wp.sin(yaw))
-        c = _align(w, c, base, qvel[w, 2], along, state, drive.period)
+        pressed = forces.finger[w, 0] + forces.finger[w, 1] > _HOLDS_N
+        holds = pressed and not forces.support[w]
+        c = _align(w, c, base, qvel[w, 2], along, grip, holds, state, drive.period)
     elif stage == RETRACT:
         c = _retract(w, c, base, qvel[w, 2], grip, state)
     elif stage == PLACE:
@@ -272,7 +289,7 @@ def _script_actions(
         now = target[w, joint]
         goal = wp.clamp(c.joints[joint], drive.joint_low[joint], drive.joint_high[joint])
         most = c.rate * _RATES[joint] * drive.period
-        if joint == FINGER and stage != ALIGN:
+        if joint == FINGER and (stage != ALIGN or goal < now):
             most = 10.0
         if joint < FINGER and wp.abs(goal - now) > 1.0e-3:
             moving = True

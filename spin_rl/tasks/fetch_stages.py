@@ -8,6 +8,7 @@ Scripts tell by `ready` that their stage is done (`fetch_script.py`); limits are
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.sim.object_start import hold_still
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, Increments
 from spin_rl.tasks.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT
 from spin_rl.tasks.fetch_state import (
@@ -23,13 +24,11 @@ from spin_rl.tasks.fetch_state import (
     FetchRules,
     FetchState,
 )
-from spin_rl.tasks.pick_episode import DROPPED, Forces, copy_if_finite
+from spin_rl.tasks.pick_episode import DROPPED, Forces, copy_if_finite, is_lifted
 
 _OBJECT = wp.constant(len(robot.DOF_NAMES))
 _PITCH = wp.constant(robot.DOF_NAMES.index("wrist_pitch"))
 _ROLL = wp.constant(robot.DOF_NAMES.index("wrist_roll"))
-_FINGER = wp.constant(robot.DOF_NAMES.index("finger_left"))
-_FINGER_ACTION = wp.constant(robot.ACTIONS.index("gripper_finger"))
 _LOOSE_N = wp.constant(1.0)
 """Fingertips that press the object with less than this together do not hold it."""
 _LOOSE_STEPS = wp.constant(3)
@@ -93,10 +92,7 @@ def _retry(w: int, rules: FetchRules, state: FetchState) -> int:
 def _after_pick(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: FetchState) -> int:
     """The stage after this step of picking; -1 if the attempts are used up."""
     at = _object_at(w, b)
-    left = forces.finger[w, 0]
-    right = forces.finger[w, 1]
-    grasped = left + right > rules.grasp_force and wp.min(left, right) > rules.finger_force
-    lifted = grasped and at[2] - b.object_start[w][2] > rules.lift and not forces.support[w]
+    lifted = is_lifted(w, at[2] - state.rest[w], forces, rules.grasp_force, rules.finger_force, rules.lift)
     if forces.support[w]:
         # As it leaves the table: held like that, the object stands upright.
         state.grip[w] = wp.vec2(b.qpos[w, _PITCH], b.qpos[w, _ROLL])
@@ -149,18 +145,18 @@ def _enter(
     mode[w] = ABSOLUTE
     if stage == ALIGN:
         state.stand[w] = wp.vec3(b.goal[w][0], b.goal[w][1], 0.0)
+        if state.retries[w] > 0:
+            state.is_found[w] = False
     if stage == CARRY:
         b.goal[w] = state.home[w]
     if stage == PICK:
         mode[w] = INCREMENTAL
         state.stand[w] = wp.vec3(state.stand[w][0], state.stand[w][1], b.qpos[w, 2])
         # As at the start of a pick episode: the object's place and the action that holds the pose.
-        at = _object_at(w, b)
+        at = state.found[w]
         b.object_start[w] = wp.vec4(at[0], at[1], at[2], b.object_start[w][3])
-        for i in range(action.shape[1]):
-            action[w, i] = 0.0
-        hold = (b.qpos[w, _FINGER] - increments.gripper_middle) / increments.gripper_span
-        action[w, _FINGER_ACTION] = wp.clamp(hold, -1.0, 1.0)
+        state.rest[w] = _object_at(w, b)[2]
+        hold_still(w, b.qpos, increments, action)
 
 
 @wp.kernel
@@ -243,6 +239,8 @@ def _advance_stages(
         if _distance_to(w, b, b.goal[w]) < rules.goal_tolerance:
             after = PLACE
     if outcome == RUNNING and after == stage and state.time[w] >= rules.limits[stage]:
+        outcome = TIMEOUT
+    if outcome == RUNNING and state.length[w] >= rules.max_length:
         outcome = TIMEOUT
 
     outcome_out[w] = outcome

@@ -4,13 +4,10 @@
 
 import warp as wp
 
-from spin_rl import robot
 from spin_rl.sim.targets import ABSOLUTE
 from spin_rl.tasks.episode import draw_servos
 from spin_rl.tasks.fetch_state import REACH, FetchState
 from spin_rl.tasks.pick_episode import Forces
-
-_OBJECT = wp.constant(len(robot.DOF_NAMES))
 
 wp.set_module_options({"enable_backward": False})
 
@@ -19,14 +16,14 @@ wp.set_module_options({"enable_backward": False})
 def _watch_objects(
     # In
     seen: wp.array(dtype=bool),
-    qpos: wp.array2d(dtype=float),
+    at: wp.array(dtype=wp.vec3),
     # Out
     state: FetchState,
 ) -> None:
     w = wp.tid()
     if seen[w]:
         state.is_found[w] = True
-        state.found[w] = wp.vec3(qpos[w, _OBJECT], qpos[w, _OBJECT + 1], qpos[w, _OBJECT + 2])
+        state.found[w] = at[w]
 
 
 @wp.kernel

@@ -36,6 +36,7 @@ class FetchRules:
     """When stages end; see `FetchConfig`."""
 
     limits: wp.array[int]
+    max_length: int
     retries: int
     hold_steps: int
     goal_tolerance: float
@@ -54,9 +55,10 @@ class FetchState:
 
     `time` and `length` count the steps of the stage and of the fetch, `phase` and `phase_time` are of the
     scripts. `home` is where the robot started, `stand` the goal at the table and the yaw at which it began to
-    pick, `found` where the camera saw the object last, `grip` pitch and roll of the wrist as the object left
-    the table, `mark` the lift at which a script began. `loose` counts steps without a grip, `held` those with
-    the object up, `scrapes` those in which the object touched the scene while it was carried.
+    pick, `found` where the camera saw the object last, `rest` the object's height as the pick began, `grip`
+    pitch and roll of the wrist as the object left the table, `mark` the lift at which a script began. `loose`
+    counts steps without a grip, `held` those with the object up, `scrapes` those in which the object touched
+    the scene while it was carried.
     """
 
     stage: wp.array[int]
@@ -77,6 +79,7 @@ class FetchState:
     stand: wp.array[wp.vec3]
     found: wp.array[wp.vec3]
     is_found: wp.array[wp.bool]
+    rest: wp.array[float]
     grip: wp.array[wp.vec2]
     mark: wp.array[float]
 

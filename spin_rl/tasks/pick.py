@@ -79,9 +79,10 @@ class PickEnv(ObjectChoice, TaskEnv):
         )
         self.observations = PickObservations(
             sim,
-            self.sight,
             cfg.noise,
             seed,
+            seen=wp.to_torch(self.sight.seen),
+            at=sim.object.views.pos,
             length=self.episode_length_buf,
             held=wp.to_torch(self._progress.held),
             max_length=self.max_episode_length,

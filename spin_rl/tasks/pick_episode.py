@@ -106,6 +106,22 @@ def copy_if_finite(row: wp.array2d(dtype=float), w: int, kept_out: wp.array2d(dt
 
 
 @wp.func
+def is_grasped(w: int, forces: Forces, grasp_force: float, finger_force: float) -> bool:
+    """Whether the fingertips press the object, together and each (SPIN, r_lift)."""
+    left = forces.finger[w, 0]
+    right = forces.finger[w, 1]
+    return left + right > grasp_force and wp.min(left, right) > finger_force
+
+
+@wp.func
+def is_lifted(
+    w: int, height: float, forces: Forces, grasp_force: float, finger_force: float, lift: float
+) -> bool:
+    """Whether the object is held up, `height` [m] over where it stood."""
+    return height > lift and is_grasped(w, forces, grasp_force, finger_force) and not forces.support[w]
+
+
+@wp.func
 def _describe(
     w: int,
     offset: wp.vec3,
@@ -130,7 +146,7 @@ def _describe(
             inside = False
     out.inside[w] = inside
     out.pressed[w] = left + right > rules.grasp_force
-    out.grasped[w] = out.pressed[w] and wp.min(left, right) > rules.finger_force
+    out.grasped[w] = is_grasped(w, forces, rules.grasp_force, rules.finger_force)
     out.collision[w] = forces.hard[w] > rules.hard_force
 
 
@@ -185,7 +201,7 @@ def _end_picks(
         offset = wp.transpose(site_xmat[w, grasp_site]) * (at - site_xpos[w, grasp_site])
         height = at[2] - start_pose[w][2]
         _describe(w, offset, height, 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT]), forces, rules, out)
-        lifted = height > rules.lift and out.grasped[w] and not forces.support[w]
+        lifted = is_lifted(w, height, forces, rules.grasp_force, rules.finger_force, rules.lift)
         progress.held[w] = wp.where(lifted, progress.held[w] + 1, 0)
         out.success[w] = progress.held[w] >= rules.hold_steps
         # Who hits something in the step of the first success has not succeeded.

@@ -24,7 +24,6 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.objects import OBJECTS
-from spin_rl.sensors.object_sight import ObjectSight
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.depth import DepthImages
 from spin_rl.tasks.proprioception import Proprioception, ProprioNoise, joints, rotate
@@ -69,10 +68,11 @@ class PickObservations(Proprioception):
     def __init__(
         self,
         sim: Simulation,
-        sight: ObjectSight,
         noise: PickNoise,
         seed: int,
         *,
+        seen: torch.Tensor,
+        at: torch.Tensor,
         length: torch.Tensor,
         held: torch.Tensor,
         max_length: int,
@@ -83,9 +83,10 @@ class PickObservations(Proprioception):
 
         Args:
             sim: The simulation to read, with manipulation.
-            sight: Tells whether the camera sees the object.
             noise: Sensor noise.
             seed: Seed of the noise.
+            seen: Whether the camera sees the object, a view, shape (num_envs,), bool.
+            at: Where it sees it, world, a view [m], shape (num_envs, 3).
             length: Steps of the running episodes, shape (num_envs,), int32.
             held: For how many of the last steps the object has been held up, shape (num_envs,), int32.
             max_length: Limit of the former.
@@ -96,7 +97,7 @@ class PickObservations(Proprioception):
         self._noise = noise
         self._depth = depth
         self._object, self._grasp = sim.object.views, sim.grasp.views
-        self._seen = wp.to_torch(sight.seen)
+        self._seen, self._at = seen, at
         self._site_mat = wp.to_torch(sim.data.site_xmat)
         self._kinds = torch.arange(len(OBJECTS), dtype=torch.int32, device=sim.device)
         self._length, self._held = length, held
@@ -139,7 +140,7 @@ class PickObservations(Proprioception):
         return torch.cat([part for a in axes for part in (rotate(a[:, :2], yaw), a[:, 2:3])], -1)
 
     def _seen_object(self, gripper: torch.Tensor) -> torch.Tensor:
-        at = self.perturbed(self._object.pos, self._noise.object_m)
+        at = self.perturbed(self._at, self._noise.object_m)
         offset = self._offset(at, gripper)
         values = torch.cat(
             (

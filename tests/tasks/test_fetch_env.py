@@ -129,7 +129,7 @@ def test_align_hands_over_within_the_pick_tasks_range(env):
             assert abs(at[1]) < 0.1
             low, high = 0.57, 0.85
             assert low < -at[2] < high
-            np.testing.assert_allclose(obs["object_start"][world], at[1:4], atol=1e-6)
+            np.testing.assert_allclose(obs["object_start"][world], at[1:4], atol=1e-4)  # seen a step before
             # The hand is beside the table, over the object's height.
             offset = (
                 env.sim.object.views.pos[world]
