@@ -15,7 +15,7 @@ from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.observations import NoiseConfig
 from spin_rl.tasks.pick_config import GRASP_SIM, SightConfig
 
-CARRY_SIM = replace(GRASP_SIM, impratio=100.0)
+CARRY_SIM = replace(GRASP_SIM, impratio=400.0)
 """Physics in which fingers hold an object for long, as in conf/sim/carry.yaml."""
 CARRY_JOINTS = ("lift", "arm_extension", "wrist_yaw", "wrist_pitch", "wrist_roll")
 

@@ -54,12 +54,16 @@ _PLACE_ARM_M = wp.constant(0.13)
 _PLACE_YAW = wp.constant(1.9)
 _PLACE_SPREAD = wp.constant(0.6)
 """Deeper than this pitch downwards the hand turns away from the base by as much, or a finger would hit it."""
+_ASIDE_M = wp.constant(0.08)
+"""How far from the middle of the corridor there is room to hold the object out."""
 _PLACE_LIFT_M = wp.constant(0.55)
 _DEEPEST_PITCH = wp.constant(-0.9)
 _BACK_M = wp.constant(0.05)
 """How far behind the middle of the corridor, across it, the robot folds the wrist."""
 _SETTLE = wp.constant(3)
 """Steps that joints get to follow targets that stand still."""
+_AWAY_SPEED = wp.constant(0.1)
+"""Of the base where it can neither drive nor turn as a script wants [m/s]."""
 _OPENING_STEPS = wp.constant(10)
 
 _RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
@@ -70,7 +74,7 @@ _CARRY_RATE = wp.constant(0.6)
 _CARRY_LIFT_RATE = wp.constant(0.15)
 """How fast the lift moves while the navigation policy drives with an object in the hand [m/s]."""
 _HOLDS_N = wp.constant(2.0)
-"""Fingertips that press with more than this together hold something."""
+"""Fingertips that press with more than this hold something, or stand on it."""
 _GRIP_LEAD = wp.constant(0.14)
 """How far the fingers' target is within where they are [rad]. With both servos at their limit nothing would
 keep the object from wandering sideways between the fingers."""
@@ -177,17 +181,24 @@ def _retract(w: int, c: Command, base: wp.vec3, turning: float, grip: float, sta
 def _place(
     w: int, c: Command, base: wp.vec3, grip: float, supported: bool, state: FetchState, period: float
 ) -> Command:
-    """Turn away from the corridor, hold the object ahead of the base, lower it, open, raise the hand."""
+    """Turn away from the corridor, hold the object ahead of the base, lower it, open, raise the hand.
+
+    `supported` tells that the object, or the hand beside it, is on the floor.
+    """
     phase = state.phase[w]
     c.rate = _CARRY_RATE
     c.joints[PAN] = 0.0
     c.joints[TILT] = LOOK_TILT
     c.joints[FINGER] = wp.where(phase < RELEASE_PHASE, grip, _OPEN)
     if phase == 0:
-        # The corridor begins along +x.
-        off = wrapped(wp.pi - base[2])
-        c.turn = wp.clamp(2.0 * off, -0.6, 0.6)
-        c.done = wp.abs(off) < 2.0 * _TURN_TOLERANCE
+        # The corridor begins along +x, its middle is y = 0.
+        if wp.abs(base[1]) > _ASIDE_M:
+            c = drive_to(c, base, wp.vec2(state.home[w][0], 0.0))
+            c.done = False
+        else:
+            off = wrapped(wp.pi - base[2])
+            c.turn = wp.clamp(2.0 * off, -0.6, 0.6)
+            c.done = wp.abs(off) < 2.0 * _TURN_TOLERANCE
         c.joints[LIFT] = wp.max(c.joints[LIFT], _PLACE_LIFT_M)
     elif phase == 1:
         c.joints[LIFT] = wp.max(c.joints[LIFT], _PLACE_LIFT_M)
@@ -279,9 +290,15 @@ def _script_actions(
     elif stage == RETRACT:
         c = _retract(w, c, base, qvel[w, 2], grip, state)
     elif stage == PLACE:
-        c = _place(w, c, base, grip, forces.support[w], state, drive.period)
+        supported = forces.support[w] or forces.table[w] > _HOLDS_N
+        c = _place(w, c, base, grip, supported, state, drive.period)
 
     move = without_bumps(w, base, c.forward, c.turn, slots)
+    if move[0] == 0.0 and move[1] == 0.0 and (c.forward != 0.0 or c.turn != 0.0):
+        # No way to go on: make room first.
+        move = without_bumps(w, base, -_AWAY_SPEED, 0.0, slots)
+        if move[0] == 0.0:
+            move = without_bumps(w, base, _AWAY_SPEED, 0.0, slots)
     action[w, 0] = move[0] / wp.where(move[0] >= 0.0, drive.base_speed[0], drive.base_speed[1])
     action[w, 1] = move[1] / drive.base_speed[2]
     moving = bool(False)
