@@ -17,7 +17,7 @@ class SimConfig:
         iterations: Constraint solver iterations.
         ls_iterations: Line-search iterations.
         impratio: How much harder friction is than normal contact; None takes the robot's, 10 for the one
-            that grasps. What is held creeps out of the fingers by less than 1 mm/s at 10, forty times slower at 400.
+            that grasps. What is held creeps out of the fingers, the slower the larger this is.
         contacts_per_world: Contacts allocated per world, on average over the worlds.
         constraints_per_world: Constraint rows allocated for each world.
         overflow: What to do about dropped contacts and constraints: "count" them in the statistics, or

@@ -247,6 +247,7 @@ def _rules(cfg: FetchConfig) -> fetch_state.FetchRules:
     rules.retries = cfg.retries
     rules.hold_steps = max(round(cfg.hold_s / period), 1)
     rules.goal_tolerance = cfg.goal_tolerance_m
+    rules.home_tolerance = cfg.home_tolerance_m
     rules.lift = cfg.lift_m
     rules.grasp_force = cfg.grasp_force_n
     rules.finger_force = cfg.finger_force_n

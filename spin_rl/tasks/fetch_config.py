@@ -66,7 +66,9 @@ class FetchConfig(TaskConfig):
             it is in sight (`sight`), "segmentation" finds it in depth images.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
-        goal_tolerance_m: Distance at which the table, and later the start, is reached [m].
+        goal_tolerance_m: Distance at which the table is reached [m].
+        home_tolerance_m: Distance at which the start is reached again [m]; unlike goals, starts can be where
+            the navigation policy would not stop, close to a wall or obstacle.
         lift_m: Height over its start at which the object counts as lifted [m].
         hold_s: Time for which it must be held there to be picked [s].
         grasp_force_n: Sum of both fingertips' forces from which the object is grasped [N].
@@ -92,6 +94,7 @@ class FetchConfig(TaskConfig):
     limits: StageLimits = field(default_factory=StageLimits)
     retries: int = 1
     goal_tolerance_m: float = 0.15
+    home_tolerance_m: float = 0.35
     lift_m: float = 0.1
     hold_s: float = 1.0
     grasp_force_n: float = 10.0
@@ -117,6 +120,7 @@ class FetchConfig(TaskConfig):
         super().__post_init__()
         for name in (
             "goal_tolerance_m",
+            "home_tolerance_m",
             "lift_m",
             "hold_s",
             "grasp_force_n",

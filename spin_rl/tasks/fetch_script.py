@@ -55,7 +55,11 @@ _PLACE_YAW = wp.constant(1.9)
 _PLACE_SPREAD = wp.constant(0.6)
 """Deeper than this pitch downwards the hand turns away from the base by as much, or a finger would hit it."""
 _ASIDE_M = wp.constant(0.08)
-"""How far from the middle of the corridor there is room to hold the object out."""
+"""How far the robot may be from the spot to put down from."""
+_FAR_SIDE_M = wp.constant(0.2)
+"""How far that spot may be from the middle of the corridor, on the side away from the hand."""
+_HOMING_S = wp.constant(8.0)
+"""Longest time to drive there [s]."""
 _PLACE_LIFT_M = wp.constant(0.55)
 _DEEPEST_PITCH = wp.constant(-0.9)
 _BACK_M = wp.constant(0.05)
@@ -191,9 +195,11 @@ def _place(
     c.joints[TILT] = LOOK_TILT
     c.joints[FINGER] = wp.where(phase < RELEASE_PHASE, grip, _OPEN)
     if phase == 0:
-        # The corridor begins along +x, its middle is y = 0.
-        if wp.abs(base[1]) > _ASIDE_M:
-            c = drive_to(c, base, wp.vec2(state.home[w][0], 0.0))
+        # The corridor begins along +x, its middle is y = 0; the hand will be on the side of +y.
+        spot = wp.vec2(state.home[w][0], wp.clamp(state.home[w][1], -_FAR_SIDE_M, 0.5 * _ASIDE_M))
+        off_spot = wp.length(wp.vec2(base[0], base[1]) - spot)
+        if off_spot > _ASIDE_M and float(state.time[w]) * period < _HOMING_S:
+            c = drive_to(c, base, spot)
             c.done = False
         else:
             off = wrapped(wp.pi - base[2])

@@ -236,7 +236,7 @@ def _advance_stages(
         if state.ready[w]:
             after = CARRY
     elif stage == CARRY:
-        if _distance_to(w, b, b.goal[w]) < rules.goal_tolerance:
+        if _distance_to(w, b, b.goal[w]) < rules.home_tolerance:
             after = PLACE
     if outcome == RUNNING and after == stage and state.time[w] >= rules.limits[stage]:
         outcome = TIMEOUT

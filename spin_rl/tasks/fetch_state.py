@@ -40,6 +40,7 @@ class FetchRules:
     retries: int
     hold_steps: int
     goal_tolerance: float
+    home_tolerance: float
     lift: float
     grasp_force: float
     finger_force: float
