@@ -2,7 +2,7 @@
 # (to a type checker, a Warp struct is an object, not a class)
 """Kernels that lead a fetch from one stage to the next and end it.
 
-Scripts tell by `ready` that their stage is done (`fetch_script.py`); limits are in `StageLimits`.
+Scripts tell by `ready` that their stage is done (`fetch_phases.py`); limits are in `StageLimits`.
 """
 
 import warp as wp
