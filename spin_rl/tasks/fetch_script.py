@@ -19,8 +19,6 @@ from spin_rl.tasks.pick_episode import Forces
 
 _LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
 _RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))
-_AWAY_SPEED = wp.constant(0.1)
-"""Of the base where it can neither drive nor turn as a script wants [m/s]."""
 _RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
 """How fast targets move [m/s, rad/s]."""
 _CARRY_LIFT_RATE = wp.constant(0.15)
@@ -120,11 +118,6 @@ def _script_actions(
         c = place(w, c, base, grip, supported, state, drive.period)
 
     move = without_bumps(w, base, c.forward, c.turn, slots)
-    if move[0] == 0.0 and move[1] == 0.0 and (c.forward != 0.0 or c.turn != 0.0):
-        # No way to go on: make room first.
-        move = without_bumps(w, base, -_AWAY_SPEED, 0.0, slots)
-        if move[0] == 0.0:
-            move = without_bumps(w, base, _AWAY_SPEED, 0.0, slots)
     action[w, 0] = move[0] / wp.where(move[0] >= 0.0, drive.base_speed[0], drive.base_speed[1])
     action[w, 1] = move[1] / drive.base_speed[2]
     moving = bool(False)
