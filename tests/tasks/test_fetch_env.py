@@ -147,11 +147,13 @@ def test_align_hands_over_within_the_pick_tasks_range(env):
 
 def test_a_pick_out_of_time_is_tried_once_more_and_then_fails(env):
     world, limit = 0, round(env.cfg.limits.pick / 0.1)
-    stand_at(env, env.sim.views.goal[world], world)
+    stand_at(env, env.sim.views.goal[world], world, table_yaw(env, world) + math.pi)
     enter(env, PICK, world)
     state(env, "time")[world] = limit - 1
+    state(env, "is_found")[world] = True
     env.step(idle(env))
     assert env.stage[world] == ALIGN and state(env, "retries")[world] == 1
+    assert not state(env, "is_found")[world], "it looks anew, and has its back to the table"
     enter(env, PICK, world)
     state(env, "time")[world] = limit - 1
     env.step(idle(env))

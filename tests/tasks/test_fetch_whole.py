@@ -10,7 +10,7 @@ from spin_rl.tasks import episode
 from spin_rl.tasks.fetch import FetchEnv
 from spin_rl.tasks.fetch_config import FetchConfig, StageLimits
 from spin_rl.tasks.fetch_policy import FetchPolicy
-from spin_rl.tasks.fetch_state import ALIGN, PICK, STAGES
+from spin_rl.tasks.fetch_state import PICK, STAGES
 
 NUM_WORLDS = 4
 # Where the object is in the hand at which the fingers close: the gripper holds it with its tips.
@@ -120,10 +120,9 @@ def test_what_a_failed_pick_holds_is_put_down_before_the_next(device):
     stood = env.sim.object.views.pos.clone()
     policy = FetchPolicy(DriveStraight(), GraspTimidly())
     retries = wp.to_torch(env._state.retries)
-    lifted, looked_anew = torch.zeros(NUM_WORLDS), torch.zeros(NUM_WORLDS, dtype=torch.bool)
+    lifted = torch.zeros(NUM_WORLDS)
     again = torch.zeros(NUM_WORLDS, dtype=torch.bool)
     for _ in range(650):
-        before = retries.clone()
         obs, _, done, _ = env.step(policy(obs))
         policy.reset(done)
         assert not (done.bool() & ~again).any()
@@ -131,10 +130,9 @@ def test_what_a_failed_pick_holds_is_put_down_before_the_next(device):
         lifted = torch.maximum(lifted, torch.where(retries == 0, at.pos[:, 2] - stood[:, 2], 0.0))
         fell = (retries == 1) & ~again & (at.velocity[:, 2] < -0.3)
         assert not fell.any(), "it is lowered, not dropped"
-        looked_anew |= (retries > before) & (wp.to_torch(env._state.phase) == 0)
         again |= (retries > 0) & (env.stage == PICK)
         if again.all():
             break
-    assert again.all() and looked_anew.all()
+    assert again.all()
     assert (lifted > 0.02).all() and (lifted < cfg.lift_m).all(), "the first attempt lifts too little"
     assert (at.quat[:, 1:3].norm(dim=1) < 0.02).all(), "it stands again"
