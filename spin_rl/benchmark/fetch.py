@@ -20,7 +20,7 @@ from spin_rl.tasks.fetch import FetchEnv
 from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.fetch_results import FetchEpisodes, record_views
 from spin_rl.tasks.fetch_state import FETCH_OUTCOMES, STAGES
-from spin_rl.tasks.pick_config import ANY_OBJECT
+from spin_rl.tasks.object_choice import ANY_OBJECT, object_names
 
 PART_STAGES = {"reach": ("reach",), "pick": ("align", "pick"), "place": ("retract", "carry", "place")}
 """Part of the paper's table -> the stages whose time it takes."""
@@ -135,7 +135,7 @@ def run_fetches(env: FetchEnv, policy: Policy, episodes: int, *, report: Report 
     Returns:
         Fetches of every cell, in the order of `REACH_CELLS`.
     """
-    kinds = OBJECTS if env.cfg.object == ANY_OBJECT else (env.cfg.object,)
+    kinds = OBJECTS if env.cfg.object == ANY_OBJECT else object_names(env.cfg.object)
     # Cells alternate, so that every round has about the same mix of short and long episodes; each cell begins
     # with another object, so that few fetches have all objects too.
     turn, cell = np.divmod(np.arange(len(REACH_CELLS) * episodes), len(REACH_CELLS))

@@ -13,7 +13,7 @@ from spin_rl.benchmark.metrics import Episodes, PickEpisodes, summarize_picks
 from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_rounds, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.objects import OBJECTS
-from spin_rl.tasks.object_choice import ANY_OBJECT
+from spin_rl.tasks.object_choice import ANY_OBJECT, object_names
 from spin_rl.tasks.pick import PickEnv
 from spin_rl.tasks.pick_config import PickConfig
 
@@ -54,7 +54,7 @@ def evaluate_pick(
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.
     """
     check_counts(episodes, seeds, num_envs)
-    kinds = OBJECTS[:episodes] if cfg.object == ANY_OBJECT else (cfg.object,)
+    kinds = OBJECTS[:episodes] if cfg.object == ANY_OBJECT else object_names(cfg.object)
     groups, facts = run_seeds(
         lambda nworld: PickEnv(cfg, nworld, device),
         make_policy,

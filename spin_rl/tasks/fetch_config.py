@@ -61,7 +61,7 @@ class FetchConfig(TaskConfig):
         episode_s: Longest episode [s]; the stages' limits end it before.
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix.
-        object: One of `objects.OBJECTS`, or "any".
+        object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
         detector: How the object is found, one of `fetch_sight.DETECTORS`: "none" takes its true place while
             it is in sight (`sight`), "segmentation" finds it in depth images.
         limits: Longest time in each stage.

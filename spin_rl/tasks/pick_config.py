@@ -59,7 +59,7 @@ class PickConfig(TaskConfig):
         fall_m: Depth of the object's centre below the table's top that ends the episode [m].
         end_on_success: Whether a success ends the episode, or the object is to be held up until the time
             limit.
-        object: One of `objects.OBJECTS`, or "any".
+        object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
         near_share: Share of episodes that start with the gripper near the object, at the curriculum's start
             and at level 1.
         scene: Parameters of the tabletop generator.
