@@ -25,14 +25,20 @@ from spin_rl.tasks.object_choice import ANY_OBJECT, object_names
 PART_STAGES = {"reach": ("reach",), "pick": ("align", "pick"), "place": ("retract", "carry", "place")}
 """Part of the paper's table -> the stages whose time it takes."""
 _RULES = (
+    "object",
+    "detector",
     "retries",
     "goal_tolerance_m",
+    "home_tolerance_m",
     "lift_m",
     "hold_s",
     "grasp_force_n",
+    "finger_force_n",
     "hard_force_n",
     "fall_m",
     "place_m",
+    "carry_moves",
+    "carry_lift_m",
 )
 _DROPPED = FETCH_OUTCOMES.index("dropped")
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from spin_rl.benchmark import paper
 from spin_rl.benchmark.report import align, cell_table, figures, main_causes, notes, title
+from spin_rl.scenes.objects import OBJECTS
 
 _METHODS = ("SPIN (CVO)", "SPIN (DVO)", "FixCam", "NoPointNet", "Mapping")
 _READING = (
@@ -47,7 +48,7 @@ def headline(result: dict[str, Any]) -> str:
 
 def _is_papers(result: dict[str, Any]) -> bool:
     """Whether scenes and objects are those that stand for the paper's."""
-    return "scene" not in result and len(result["objects"]) > 1
+    return "scene" not in result and {row["object"] for row in result["objects"]} == set(OBJECTS)
 
 
 def _table_1(result: dict[str, Any], methods: Sequence[str]) -> list[list[str]]:

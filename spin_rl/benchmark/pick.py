@@ -54,7 +54,7 @@ def evaluate_pick(
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.
     """
     check_counts(episodes, seeds, num_envs)
-    kinds = OBJECTS[:episodes] if cfg.object == ANY_OBJECT else object_names(cfg.object)
+    kinds = (OBJECTS if cfg.object == ANY_OBJECT else object_names(cfg.object))[:episodes]
     groups, facts = run_seeds(
         lambda nworld: PickEnv(cfg, nworld, device),
         make_policy,

@@ -6,13 +6,14 @@ from typing import Any
 
 from spin_rl.benchmark import paper
 from spin_rl.benchmark.report import PAPER_ROWS, align, figures, main_causes, notes, paper_figures, title
+from spin_rl.scenes.objects import OBJECTS
 
 
 def table(result: dict[str, Any]) -> str:
     """Format a result of `pick.evaluate_pick` for the terminal; the paper has no figures by object."""
     overall = result["overall"]
     heading = title("Pick", result, f"{overall['episodes']} episodes")
-    in_paper = "scene" not in result and len(result["rows"]) > 1
+    in_paper = "scene" not in result and {row["object"] for row in result["rows"]} == set(OBJECTS)
     columns = PAPER_ROWS if in_paper else ()
     header = ["object", "success", "95%", "time", "untouched", "episodes", *columns, "failures by cause"]
     lines = []

@@ -77,9 +77,11 @@ def notes(result: dict[str, Any], in_paper: bool) -> str:
 
 
 def conditions_note(result: dict[str, Any]) -> str:
-    """End of a title: the noise of depth images where there are any, the scenes if not the benchmark's."""
+    """End of a title: noise of depth images and detector if there are any, scenes if not the benchmark's."""
     depth = result.get("depth")
     note = "" if depth is None else f", depth noise {noise_label(depth['noise'])}"
+    if result.get("detector", "none") != "none":
+        note += f", detector {result['detector']}"
     return note + (f", scene {result['scene']}" if "scene" in result else "")
 
 

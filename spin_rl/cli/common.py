@@ -8,8 +8,9 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import hydra
 import torch
@@ -34,7 +35,9 @@ USER_ERRORS = (
 )
 
 
-def run(name: str, body: Callable[[DictConfig], None]) -> None:
+def run(
+    name: str, body: Callable[[DictConfig], None], refused: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Run a command under Hydra: `body` gets the composed configuration.
 
     Exits with status 2 and one line on standard error when the configuration or input is bad; with Hydra's
@@ -43,6 +46,7 @@ def run(name: str, body: Callable[[DictConfig], None]) -> None:
     Args:
         name: Configuration file in conf/, also the command's name after `spin-`.
         body: The command.
+        refused: Arguments that this command cannot take, and why.
     """
 
     def guarded(cfg: DictConfig) -> None:
@@ -54,6 +58,8 @@ def run(name: str, body: Callable[[DictConfig], None]) -> None:
             _fail(name, error)
 
     overrides = sys.argv[1:]
+    for reason in [refused[argument] for argument in overrides if argument in refused]:
+        _fail(name, ConfigError(reason))
     has_options = any(argument.startswith("-") for argument in overrides)  # Hydra's own: help, multirun
     if not has_options:
         try:  # Hydra's own messages take many lines; composing first gives us the reason

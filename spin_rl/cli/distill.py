@@ -37,7 +37,7 @@ def main() -> None:
     """Entry point of the `spin-distill` command."""
     arguments = common.with_preset(sys.argv[1:], torch.cuda.is_available(), "distill_preset")
     sys.argv[1:] = task_choice.with_task(arguments, "teacher")
-    common.run("distill", distill)
+    common.run("distill", distill, task_choice.UNTRAINABLE)
 
 
 def distill(cfg: DictConfig) -> None:

@@ -9,6 +9,8 @@ from spin_rl.benchmark.policies import open_policy
 from spin_rl.config import ConfigError
 
 _DEFAULT = "nav"
+UNTRAINABLE = {"task=fetch": "task: fetch cannot be trained; train task=nav and task=pick, see docs/fetch.md"}
+"""Arguments that make no training, and why."""
 
 
 def with_task(arguments: list[str], key: str = "policy") -> list[str]:

@@ -10,6 +10,7 @@ import torch
 from omegaconf import DictConfig
 
 from spin_rl.cli import common, run_folder
+from spin_rl.cli.task_choice import UNTRAINABLE
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.config import check_config
@@ -23,7 +24,7 @@ from spin_rl.tasks.build import any_config, make_env, observation_groups, plain,
 def main() -> None:
     """Entry point of the `spin-train` command."""
     sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available())
-    common.run("train", train)
+    common.run("train", train, UNTRAINABLE)
 
 
 def train(cfg: DictConfig) -> None:

@@ -210,7 +210,7 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         fits = layers[0] == layers[1]
         if is_depth(own):  # the new one may read the flat groups as well
             cfg: DepthEncoderConfig = encoders[1].cfg  # type: ignore
-            fits = encoders[0].cfg in (cfg, replace(cfg, reads_flat=True))
+            fits = layers[0][0] == layers[1][0] and encoders[0].cfg in (cfg, replace(cfg, reads_flat=True))
         if not fits:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
 

@@ -33,6 +33,8 @@ from spin_rl.tasks.fetch_state import ALIGN, RELEASE_PHASE, RETRACT, FetchState
 _LIFT_MAX = wp.constant(robot.JOINT_UPPER[0])
 _STAND_M = wp.constant(0.70)
 """Distance of the base from the object to pick it from; the pick task has 0.57 to 0.85 m."""
+_DETOUR_M = wp.constant(0.35)
+"""How far back from there the robot drives first where it has no room to turn to it."""
 _TURN_TOLERANCE = wp.constant(0.04)
 _ABOVE_M = wp.constant(0.12)
 """Height of the gripper over the object's centre at the start of a pick."""
@@ -85,7 +87,8 @@ def align(
     phase = state.phase[w]
     at = state.found[w]
     if holds and phase == 0:
-        # After a pick that was not one: down with it before the fingers open.
+        # After a pick that was not one: down with it before the fingers open, and then look where it stands.
+        state.is_found[w] = False
         c.joints[FINGER] = grip
         c.joints[LIFT] = wp.max(c.joints[LIFT] - _LOWER_RATE * period, 0.0)
         return c
@@ -105,7 +108,13 @@ def align(
     elif phase == 3:
         c = fold(c)
     elif phase == 4:
-        c = drive_to(c, base, wp.vec2(at[0], at[1]) - _STAND_M * along)
+        spot = wp.vec2(at[0], at[1]) - _STAND_M * along
+        if state.detour[w]:
+            spot -= _DETOUR_M * along
+        c = drive_to(c, base, spot)
+        if state.detour[w] and c.done:
+            state.detour[w] = False
+            c.done = False
     elif phase == 5:
         off = wrapped(wp.atan2(at[1] - base[1], at[0] - base[0]) - base[2] + 0.5 * wp.pi)
         c.turn = wp.clamp(2.0 * off, -0.8, 0.8)

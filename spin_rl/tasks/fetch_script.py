@@ -19,6 +19,9 @@ from spin_rl.tasks.pick_episode import Forces
 
 _LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
 _RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))
+_STILL = wp.constant(0.01)
+"""Slower than this the base stands [m/s, rad/s]."""
+_STUCK_STEPS = wp.constant(5)
 _RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
 """How fast targets move [m/s, rad/s]."""
 _CARRY_LIFT_RATE = wp.constant(0.15)
@@ -71,6 +74,11 @@ def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action:
     action[w, LIFT + 2] = _action_of(LIFT, now + wp.clamp(wanted - now, -most, most), drive)
 
 
+@wp.func
+def _is_still(move: wp.vec2) -> bool:
+    return wp.abs(move[0]) < _STILL and wp.abs(move[1]) < _STILL
+
+
 @wp.kernel
 def _script_actions(
     # Parameters
@@ -118,6 +126,11 @@ def _script_actions(
         c = place(w, c, base, grip, supported, state, drive.period)
 
     move = without_bumps(w, base, c.forward, c.turn, slots)
+    is_stuck = _is_still(move) and not _is_still(wp.vec2(c.forward, c.turn))
+    state.stuck[w] = wp.where(is_stuck, state.stuck[w] + 1, 0)
+    if state.stuck[w] >= _STUCK_STEPS:
+        state.stuck[w] = 0
+        state.detour[w] = not state.detour[w]
     action[w, 0] = move[0] / wp.where(move[0] >= 0.0, drive.base_speed[0], drive.base_speed[1])
     action[w, 1] = move[1] / drive.base_speed[2]
     moving = bool(False)

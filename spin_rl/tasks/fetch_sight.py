@@ -75,7 +75,7 @@ class FetchSight:
 
     Attributes:
         seen: Whether the object is seen now, shape (num_envs,), bool.
-        at: Where it is, world, as of the last time that it was seen [m], shape (num_envs,), vec3.
+        at: Where it is seen, world [m], shape (num_envs,), vec3; has no meaning while it is not.
     """
 
     def __init__(

@@ -141,6 +141,8 @@ def _enter(
     state.ready[w] = False
     state.held[w] = 0
     state.loose[w] = 0
+    state.stuck[w] = 0
+    state.detour[w] = False
     state.mark[w] = b.target[w, 0]
     mode[w] = ABSOLUTE
     if stage == ALIGN:
@@ -200,6 +202,7 @@ def _advance_stages(
         state.scrapes[w] = state.scrapes[w] + 1
     if not finite:
         outcome = NON_FINITE
+        at = wp.vec3(0.0, 0.0, 0.0)
         for i in range(final_qpos_out.shape[1]):
             final_qpos_out[w, i] = 0.0
         for i in range(final_qvel_out.shape[1]):

@@ -65,12 +65,15 @@ def _begin_fetches(
     state.ready[w] = False
     state.held[w] = 0
     state.loose[w] = 0
+    state.stuck[w] = 0
+    state.detour[w] = False
     state.retries[w] = 0
     state.drops[w] = 0
     state.scrapes[w] = 0
     for i in range(state.stage_steps.shape[1]):
         state.stage_steps[w, i] = 0
     state.home[w] = wp.vec2(start[w][0], start[w][1])
+    state.grip[w] = wp.vec2(0.0, 0.0)
     state.is_found[w] = False
     forces.finger[w, 0] = 0.0
     forces.finger[w, 1] = 0.0

@@ -57,8 +57,9 @@ class FetchState:
     `time` and `length` count the steps of the stage and of the fetch, `phase` and `phase_time` are of the
     scripts. `home` is where the robot started, `stand` the goal at the table and the yaw at which it began to
     pick, `found` where the camera saw the object last, `rest` the object's height as the pick began, `grip`
-    pitch and roll of the wrist as the object left the table, `mark` the lift at which a script began. `loose`
-    counts steps without a grip, `held` those with the object up, `scrapes` those in which the object touched
+    pitch and roll of the wrist as the object left the table, `mark` the lift at which a script began.
+    `loose` counts steps without a grip, `stuck` those in which the base could not do what a script wanted, `detour`
+    tells that it makes room first. `held` counts steps with the object up, `scrapes` those in which it touched
     the scene while it was carried.
     """
 
@@ -70,6 +71,8 @@ class FetchState:
     ready: wp.array[wp.bool]
     held: wp.array[int]
     loose: wp.array[int]
+    stuck: wp.array[int]
+    detour: wp.array[wp.bool]
     retries: wp.array[int]
     drops: wp.array[int]
     scrapes: wp.array[int]

@@ -274,6 +274,22 @@ def test_the_pick_policy_cannot_drive_into_walls(env):
     assert 0.2 < float(ahead.norm()) < 0.5 - 0.059, "it stops short of the wall"
 
 
+def test_a_base_without_room_to_turn_makes_a_detour(env):
+    """Beside the place to pick from, turned a little: there is no room to turn to it."""
+    worlds = [0, 2]
+    for world in worlds:
+        yaw, at = table_yaw(env, world), env.sim.object.views.pos[world, :2]
+        along, left = [math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]
+        stand_at(env, at - 0.715 * torch.tensor(along) - 0.14 * torch.tensor(left), world, yaw + 0.3)
+        enter(env, ALIGN, world)
+    handed_over = torch.zeros(NUM_WORLDS, dtype=torch.bool)
+    for _ in range(280):
+        env.step(idle(env))
+        assert (env.outcome[worlds] == episode.RUNNING).all()
+        handed_over |= env.stage == PICK
+    assert handed_over[worlds].all()
+
+
 def test_the_detector_finds_what_is_in_view(make_fetch_env):
     """Within the errors of docs/detection.md; nothing where the camera looks away."""
     env = make_fetch_env(FetchConfig(detector="segmentation"), seed=3)
