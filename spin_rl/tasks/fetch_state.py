@@ -58,9 +58,9 @@ class FetchState:
     scripts. `home` is where the robot started, `stand` the goal at the table and the yaw at which it began to
     pick, `found` where the camera saw the object last, `rest` the object's height as the pick began, `grip`
     pitch and roll of the wrist as the object left the table, `mark` the lift at which a script began.
-    `loose` counts steps without a grip, `stuck` those in which the base could not do what a script wanted, `detour`
-    tells that it makes room first. `held` counts steps with the object up, `scrapes` those in which it touched
-    the scene while it was carried.
+    `loose` counts steps without a grip, `stuck` those in which the base could not do what a script wanted,
+    `detour` tells that it makes room first. `held` counts steps with the object up, `scrapes` those in which
+    it touched the scene while it was carried.
     """
 
     stage: wp.array[int]
