@@ -2,6 +2,8 @@
 
 import pytest
 
+from spin_rl.tasks.fetch import FetchEnv
+from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.pick import PickEnv
 from spin_rl.tasks.pick_config import PickConfig
 
@@ -32,3 +34,13 @@ def pick_env(shared_pick_env) -> PickEnv:
     env.reset()
     env.episode_stats()
     return env
+
+
+@pytest.fixture(scope="session")
+def make_fetch_env(device):
+    """Makes small fetch environments; kernels are compiled once for all with the same solver options."""
+
+    def make(cfg: FetchConfig | None = None, num_envs: int = 4, seed: int = 0, **options) -> FetchEnv:
+        return FetchEnv(cfg or FetchConfig(), num_envs, device, seed, **options)
+
+    return make

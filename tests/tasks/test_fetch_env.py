@@ -5,26 +5,30 @@ import math
 import numpy as np
 import pytest
 import torch
+from fetch_worlds import (
+    ALIGN,
+    CARRY,
+    NUM_WORLDS,
+    PICK,
+    PLACE,
+    REACH,
+    RETRACT,
+    enter,
+    idle,
+    put_object,
+    stand_at,
+    state,
+    table_yaw,
+)
 
 from spin_rl import robot
 from spin_rl.scenes.objects import OBJECTS
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL
 from spin_rl.tasks import episode
 from spin_rl.tasks.fetch import FetchEnv
-from spin_rl.tasks.fetch_config import FetchConfig, StageLimits
 from spin_rl.tasks.fetch_state import FETCH_OUTCOMES, RELEASE_PHASE, STAGES
 
-REACH, ALIGN, PICK, RETRACT, CARRY, PLACE = range(6)
 DROPPED = FETCH_OUTCOMES.index("dropped")
-NUM_WORLDS = 4
-
-
-@pytest.fixture(scope="module")
-def make_fetch_env(device):
-    def make(cfg=None, num_envs=NUM_WORLDS, seed=0, **options) -> FetchEnv:
-        return FetchEnv(cfg or FetchConfig(), num_envs, device, seed, **options)
-
-    return make
 
 
 @pytest.fixture(scope="module")
@@ -41,48 +45,6 @@ def env(shared_env) -> FetchEnv:
     shared_env.reset()
     shared_env.episode_stats()
     return shared_env
-
-
-def state(env, name):
-    """A Torch view of one of the fetch's arrays."""
-    import warp as wp
-
-    return wp.to_torch(getattr(env._state, name))
-
-
-def idle(env):
-    return torch.zeros(env.num_envs, 10, device=env.device)
-
-
-def stand_at(env, point, world, yaw=None):
-    """Put a robot down somewhere at rest, arm stowed."""
-    qpos, qvel = env.sim.views.qpos, env.sim.views.qvel
-    qpos[world, :2] = torch.as_tensor(point, dtype=torch.float32)
-    if yaw is not None:
-        qpos[world, 2] = yaw
-    stowed = robot.qpos_from_joints(env.sim.mj_model, robot.STOWED)[3:13]
-    qpos[world, 3:13] = torch.as_tensor(stowed, dtype=torch.float32)
-    qvel[world, :13] = 0.0
-    env.sim.views.base_velocity[world] = 0.0
-
-
-def put_object(env, position, world):
-    qpos, qvel = env.sim.views.qpos, env.sim.views.qvel
-    qpos[world, 13:16] = torch.as_tensor(position, dtype=torch.float32)
-    qpos[world, 16:20] = torch.tensor([1.0, 0.0, 0.0, 0.0])
-    qvel[world, 13:] = 0.0
-
-
-def enter(env, stage, world, phase=0):
-    state(env, "stage")[world] = stage
-    state(env, "time")[world] = 0
-    state(env, "phase")[world] = phase
-    state(env, "phase_time")[world] = 0
-    env.sim.views.mode[world] = INCREMENTAL if stage == PICK else ABSOLUTE
-
-
-def table_yaw(env, world):
-    return float(env.sim.layout.yaw.numpy()[world, env.cfg.scene.table_slot])
 
 
 def test_starts_in_reach_with_the_groups_of_both_policies(env):
@@ -290,39 +252,6 @@ def test_a_base_without_room_to_turn_makes_a_detour(env):
     assert handed_over[worlds].all()
 
 
-def test_the_detector_finds_what_is_in_view(make_fetch_env):
-    """Within the errors of docs/detection.md; nothing where the camera looks away."""
-    env = make_fetch_env(FetchConfig(detector="segmentation"), seed=3)
-    truth = env.sim.object.views.pos
-    pan, tilt = robot.DOF_NAMES.index("head_pan"), robot.DOF_NAMES.index("head_tilt")
-    for world in range(NUM_WORLDS):
-        yaw = table_yaw(env, world)
-        along = torch.tensor([math.cos(yaw), math.sin(yaw)])
-        stand_at(env, truth[world, :2] - 0.7 * along, world, yaw)
-        away = world == 3
-        env.sim.views.qpos[world, pan] = math.pi / 2 if away else 0.0
-        drop = 1.35 - float(truth[world, 2])
-        env.sim.views.qpos[world, tilt] = 0.0 if away else -math.atan2(drop, 0.7)
-    env.sim.forward()
-    env.sight.update()
-    obs = env.get_observations()
-    assert obs["object"][:, 0].tolist() == [1.0, 1.0, 1.0, 0.0]
-    found = torch.as_tensor(env.sight.at.numpy())
-    assert ((found - truth).norm(dim=1)[:3] < 0.03).all()
-    assert ((found - truth).norm(dim=1)[:3] > 1e-4).all(), "it is measured, not told"
-    assert (obs["object"][3] == 0.0).all()
-
-
-def test_the_whole_fetch_has_a_limit(make_fetch_env):
-    env = make_fetch_env(FetchConfig(episode_s=0.5), num_envs=2)
-    outcomes = []
-    for _ in range(5):
-        env.step(idle(env))
-        outcomes.append(int(env.outcome[0]))
-    assert outcomes == [episode.RUNNING] * 4 + [episode.TIMEOUT]
-    assert env.results().cause(0) == "reach timeout"
-
-
 def test_same_seed_same_bits_with_and_without_a_graph(make_fetch_env):
     def run(capture):
         env = make_fetch_env(num_envs=3, seed=5, capture=capture)
@@ -366,28 +295,3 @@ def test_results_keep_the_first_fetch_of_every_world(env):
         np.testing.assert_array_equal(getattr(kept, name)[world], value[world], err_msg=name)
     env.reset()
     assert not env.results().ended.any()
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: FetchConfig(retries=-1), r"task\.retries"),
-        (lambda: FetchConfig(carry_moves=("head_pan",)), r"task\.carry_moves"),
-        (lambda: FetchConfig(camera_pose=(0.0, -0.5)), r"task\.camera_pose"),
-        (lambda: FetchConfig(detector="yolo"), r"task\.detector must be one of none, segmentation"),
-        (lambda: FetchConfig(object="cup"), r"task\.object must be any or"),
-        (lambda: FetchConfig(carry_lift_m=0.2), r"task\.carry_lift_m"),
-        (lambda: FetchConfig(reward={"success": 1.0}), r"reward\.success"),
-        (lambda: StageLimits(pick=0.0), r"task\.limits\.pick"),
-    ],
-)
-def test_impossible_configurations_are_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-def test_configuration_file_has_the_defaults_of_the_code():
-    from spin_rl.benchmark.settings import compose
-    from spin_rl.tasks.build import fetch_config
-
-    assert fetch_config(compose(["task=fetch"])) == FetchConfig()
