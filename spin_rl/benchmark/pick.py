@@ -77,6 +77,7 @@ def evaluate_pick(
         ],
         "episodes_per_seed": episodes,
         **{key: getattr(cfg, key) for key in ("lift_m", "hold_s", "grasp_force_n", "hard_force_n", "fall_m")},
+        "detector": cfg.detector,
         "sight": asdict(cfg.sight),
         "noise": asdict(cfg.noise),
         **describe_task(cfg),

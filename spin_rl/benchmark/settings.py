@@ -43,6 +43,8 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     keys = ["robot.profile", "task.camera_mount", "task.camera_pose"]
     for section in ("task.scandots", "task.sight", "task.manipulation", "task.depth", "depth.filter"):
         keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
+    if "object" in (OmegaConf.select(source, "runner.obs_groups.actor") or ()):
+        keys.append("task.detector")
     for key in keys:
         value = OmegaConf.select(source, key)
         by_user = ({key, key.rpartition(".")[0], key.partition(".")[0]} - {"task"}) & asked

@@ -19,11 +19,11 @@ from spin_rl.tasks.base import TaskEnv
 from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.fetch_observations import FetchObservations
 from spin_rl.tasks.fetch_results import FetchEpisodes, FetchStatistics, FetchStep, read_record
-from spin_rl.tasks.fetch_sight import FetchSight
 from spin_rl.tasks.object_choice import ObjectChoice
 from spin_rl.tasks.observations import NavObservations
 from spin_rl.tasks.pick_episode import Forces
 from spin_rl.tasks.pick_observations import PickNoise, PickObservations
+from spin_rl.tasks.sight import Sight
 
 
 class FetchEnv(ObjectChoice, TaskEnv):
@@ -83,10 +83,10 @@ class FetchEnv(ObjectChoice, TaskEnv):
             near=cfg.scandots.near_m,
             occlusion=cfg.scandots.occlusion,
         )
-        self.sight = FetchSight(
+        self.sight = Sight(
             sim,
             cfg.detector,
-            {"near": cfg.sight.near_m, "far": cfg.sight.far_m, "occlusion": cfg.sight.occlusion},
+            cfg.sight,
             camera_mount=cfg.camera_mount,
             **camera,
             images=self.depth,

@@ -9,11 +9,11 @@ from spin_rl.scenes.fetch_params import FetchSceneParams
 from spin_rl.sim import SimConfig
 from spin_rl.sim.manipulation import ManipulationConfig
 from spin_rl.tasks.config import CurriculumConfig, DynamicsConfig, ScandotsConfig, TaskConfig
-from spin_rl.tasks.fetch_sight import DETECTORS
 from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.observations import NoiseConfig
-from spin_rl.tasks.pick_config import GRASP_SIM, SightConfig
+from spin_rl.tasks.pick_config import GRASP_SIM
+from spin_rl.tasks.sight import SightConfig, check_detector
 
 CARRY_SIM = replace(GRASP_SIM, impratio=400.0)
 """Physics in which fingers hold an object for long, as in conf/sim/carry.yaml."""
@@ -62,7 +62,7 @@ class FetchConfig(TaskConfig):
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix.
         object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
-        detector: How the object is found, one of `fetch_sight.DETECTORS`: "none" takes its true place while
+        detector: How the object is found, one of `sight.DETECTORS`: "none" takes its true place while
             it is in sight (`sight`), "segmentation" finds it in depth images.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
@@ -136,8 +136,7 @@ class FetchConfig(TaskConfig):
         if self.difficulty not in (-1, 0, 1, 2):
             raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
         check_object(self.object)
-        if self.detector not in DETECTORS:
-            raise ValueError(f"task.detector must be one of {', '.join(DETECTORS)}, got {self.detector!r}")
+        check_detector(self.detector)
         if self.retries < 0:
             raise ValueError(f"task.retries must not be negative, got {self.retries}")
         unknown = sorted(set(self.carry_moves) - set(CARRY_JOINTS))

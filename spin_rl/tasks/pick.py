@@ -8,7 +8,6 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletop import generate_tabletops
-from spin_rl.sensors.object_sight import ObjectSight
 from spin_rl.sim import Simulation
 from spin_rl.tasks import pick_episode, pick_rewards, rewards
 from spin_rl.tasks.base import TaskEnv, with_camera_at
@@ -17,6 +16,7 @@ from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.tasks.pick_observations import PickObservations
 from spin_rl.tasks.pick_rewards import PickTransition
 from spin_rl.tasks.pick_statistics import PickStatistics
+from spin_rl.tasks.sight import Sight
 
 
 class PickEnv(ObjectChoice, TaskEnv):
@@ -65,24 +65,21 @@ class PickEnv(ObjectChoice, TaskEnv):
         super().__init__(cfg, sim, seed, scales, pick_rewards.TERMS, camera_action)
         with wp.ScopedDevice(device):
             self._allocate(cfg)
-        self.sight = ObjectSight(
-            sim.layout,
-            qpos=sim.data.qpos,
-            site_xpos=sim.data.site_xpos,
-            site_xmat=sim.data.site_xmat,
-            object_column=len(robot.DOF_NAMES),
+        self.sight = Sight(
+            sim,
+            cfg.detector,
+            cfg.sight,
+            camera_mount=cfg.camera_mount,
             camera_site=self.camera_site,
             tan_half_fov=self.tan_half_fov,
-            near=cfg.sight.near_m,
-            far=cfg.sight.far_m,
-            occlusion=cfg.sight.occlusion,
+            images=self.depth,
         )
         self.observations = PickObservations(
             sim,
             cfg.noise,
             seed,
             seen=wp.to_torch(self.sight.seen),
-            at=sim.object.views.pos,
+            at=wp.to_torch(self.sight.at),
             length=self.episode_length_buf,
             held=wp.to_torch(self._progress.held),
             max_length=self.max_episode_length,

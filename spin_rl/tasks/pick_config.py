@@ -12,6 +12,7 @@ from spin_rl.tasks import pick_rewards, rewards
 from spin_rl.tasks.config import CurriculumConfig, DynamicsConfig, TaskConfig
 from spin_rl.tasks.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.pick_observations import PickNoise
+from spin_rl.tasks.sight import SightConfig, check_detector
 
 GRASP_SIM = SimConfig(
     timestep=0.0125,
@@ -22,28 +23,6 @@ GRASP_SIM = SimConfig(
     constraints_per_world=160,
 )
 """Physics in which fingers hold an object, as in conf/sim/grasp.yaml."""
-
-
-@dataclass(frozen=True)
-class SightConfig:
-    """When the camera sees the object.
-
-    Attributes:
-        near_m: Smallest depth [m].
-        far_m: Largest depth [m].
-        occlusion: Whether table, walls and boxes hide the object.
-    """
-
-    near_m: float = 0.1
-    far_m: float = 4.0
-    occlusion: bool = True
-
-    def __post_init__(self) -> None:
-        """Reject a range that is none."""
-        if not 0.0 < self.near_m < self.far_m < math.inf:
-            raise ValueError(
-                f"task.sight: near_m must be positive and below far_m, got {self.near_m}, {self.far_m}"
-            )
 
 
 @dataclass(frozen=True)
@@ -60,6 +39,8 @@ class PickConfig(TaskConfig):
         end_on_success: Whether a success ends the episode, or the object is to be held up until the time
             limit.
         object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
+        detector: How the object is found, one of `sight.DETECTORS`: "none" takes its true place while
+            it is in sight (`sight`), "segmentation" finds it in depth images.
         near_share: Share of episodes that start with the gripper near the object, at the curriculum's start
             and at level 1.
         scene: Parameters of the tabletop generator.
@@ -77,6 +58,7 @@ class PickConfig(TaskConfig):
     fall_m: float = 0.05
     end_on_success: bool = False
     object: str = ANY_OBJECT
+    detector: str = "none"
     near_share: tuple[float, float] = (0.5, 0.1)
     reward: dict[str, float] = field(
         default_factory=lambda: {"reach": 0.1, "grasp": 0.1, "lift": 0.3, "success": 0.3}
@@ -98,6 +80,7 @@ class PickConfig(TaskConfig):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"task.{name} must be positive, got {getattr(self, name)}")
         check_object(self.object)
+        check_detector(self.detector)
         for share in self.near_share:
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"task.near_share must be in [0, 1], got {share}")

@@ -51,6 +51,18 @@ def test_what_a_pick_policy_sees_is_its_own():
     assert task.sight.far_m == 2.0 and task.camera_pose == (0.0, -0.2) and task.end_on_success
 
 
+def test_a_detector_is_of_policies_that_are_told_where_the_object_is():
+    cfg = settings.compose(["task=pick"])
+    seen = {"task": {"detector": "segmentation"}}
+    for groups, asked, detector in (
+        (["proprio", "object"], ["task=pick"], "segmentation"),
+        (["proprio", "depth"], ["task=pick"], "none"),
+        (["proprio", "object"], ["task=pick", "task.detector=none"], "none"),
+    ):
+        trained = seen | {"runner": {"obs_groups": {"actor": groups}}}
+        assert pick_config(settings.for_policy(cfg, trained, asked)).detector == detector
+
+
 def test_body_and_inputs_are_the_policys(cfg):
     task = env_config(settings.for_policy(cfg, TRAINED, ()))
     assert task.robot_profile == "re1"

@@ -10,8 +10,9 @@ from nav_worlds import actions, run
 from spin_rl import robot
 from spin_rl.scenes.objects import OBJECTS
 from spin_rl.sensors.depth_pipeline import DepthConfig
-from spin_rl.tasks.pick_config import PickConfig, SightConfig
+from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.tasks.pick_observations import PICK_GROUPS, PRIVILEGED, PickNoise
+from spin_rl.tasks.sight import SightConfig
 
 SIZES = {"proprio": 31, "hand": 7, "object_start": 3, "object": 10, "privileged": 40}
 
@@ -51,6 +52,7 @@ def test_frames(pick_env):
     sim.object.views.pos[:, :2] += 0.1
     sim.object.views.quat[:] = torch.nn.functional.normalize(torch.randn(8, 4), dim=-1)
     sim.forward()
+    pick_env.sight.update()
     pick_env.observations._seen[:] = True
     obs = {name: value.cpu().numpy() for name, value in pick_env.get_observations().items()}
     privileged = blocks(pick_env.get_observations()["privileged"])
@@ -125,6 +127,29 @@ def test_the_table_hides_an_object_below_it(make_pick_env):
     env.sim.object.views.pos[:, 2] -= 0.3  # under the top, whatever the camera's height
     env.sight.update()
     assert not seen[visible].any()
+
+
+def test_a_detector_does_not_see_what_the_hand_hides(make_pick_env):
+    """Grippers start near objects; what is first on the line to an object's centre is C MuJoCo's to say."""
+    env = make_pick_env(PickConfig(detector="segmentation", near_share=(1.0, 1.0)), 64, seed=1)
+    model, obs = env.sim.mj_model, env.get_observations()["object"].numpy()
+    bare, hidden, errors = [], [], []
+    for world, data in enumerate(native(env)):
+        at, eye = data.body("object").xpos, data.site("camera_depth_optical_frame").xpos
+        if not in_view(env, data, at):
+            continue
+        hit = np.zeros(1, dtype=np.int32)
+        drawn = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
+        mujoco.mj_ray(model, data, eye, at - eye, drawn, 1, -1, hit)
+        if model.geom_bodyid[hit[0]] == model.body("object").id:
+            base, origin = base_frame(data)
+            bare.append(obs[world, 0])
+            errors.append(np.linalg.norm(obs[world, 1:4] - base.T @ (at - origin)))
+        else:
+            hidden.append(obs[world, 0])
+    assert len(bare) > 10 and min(bare) == 1.0
+    assert np.median(errors) < 0.02 and max(errors) < 0.1, "half a banana: its other end may be hidden"
+    assert len(hidden) > 3 and min(hidden) == 0.0, "all of it can be hidden; of the others a part shows"
 
 
 def test_noise_is_drawn_of_the_object(make_pick_env):

@@ -1,9 +1,9 @@
 # pyright: reportGeneralTypeIssues=false
 # (to a type checker, a Warp struct is an object, not a class)
-"""Where a fetching robot sees the object: by the simulator, or by a detector in the depth image."""
+"""Where the robot sees the object (the paper's F(o_t)): by the simulator, or by a detector in images."""
 
-from collections.abc import Mapping
-from typing import Any
+import math
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -66,12 +66,46 @@ def _to_world(
         at_out[w] = wp.vec3(qpos[w, 0] + c * p[0] - s * p[1], qpos[w, 1] + s * p[0] + c * p[1], p[2])
 
 
-class FetchSight:
+@dataclass(frozen=True)
+class SightConfig:
+    """When the camera sees the object, without a detector.
+
+    Attributes:
+        near_m: Smallest depth [m].
+        far_m: Largest depth [m].
+        occlusion: Whether table, walls and boxes hide the object.
+    """
+
+    near_m: float = 0.1
+    far_m: float = 4.0
+    occlusion: bool = True
+
+    def __post_init__(self) -> None:
+        """Reject a range that is none."""
+        if not 0.0 < self.near_m < self.far_m < math.inf:
+            raise ValueError(
+                f"task.sight: near_m must be positive and below far_m, got {self.near_m}, {self.far_m}"
+            )
+
+
+def check_detector(detector: str) -> None:
+    """Reject what is none of `DETECTORS`.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if detector not in DETECTORS:
+        raise ValueError(f"task.detector must be one of {', '.join(DETECTORS)}, got {detector!r}")
+
+
+class Sight:
     """Owns what is seen of the object in every world, and refreshes it inside the captured step.
 
-    With the detector, objects are found in exact depth images of their own, finer than the policy's, and the
-    camera's mounting error of a policy with noisy images applies to them as well. Their position in the world
-    is that in the base frame moved by the true pose of the base, as by perfect odometry.
+    Without a detector an object is seen where it is, and the robot itself hides nothing; see `ObjectSight`.
+    With one, what the arm or the hand hides is not seen. Objects are then found in exact depth images of
+    their own, finer than the policy's, and the camera's mounting error of a policy with noisy images applies
+    to them as well. Their position in the world is that in the base frame moved by the true pose of the
+    base, as by perfect odometry.
 
     Attributes:
         seen: Whether the object is seen now, shape (num_envs,), bool.
@@ -82,7 +116,7 @@ class FetchSight:
         self,
         sim: Simulation,
         detector: str,
-        sight: Mapping[str, Any],
+        cfg: SightConfig,
         *,
         camera_mount: robot.CameraMount,
         camera_site: int,
@@ -94,7 +128,7 @@ class FetchSight:
         Args:
             sim: The simulation.
             detector: One of `DETECTORS`.
-            sight: Without a detector: near, far and occlusion of `ObjectSight`.
+            cfg: When the camera sees the object, without a detector.
             camera_mount: "portrait" or "landscape".
             camera_site: Index of the camera's optical frame among the sites.
             tan_half_fov: Tangents of half the field of view along the optical x and y axes.
@@ -113,7 +147,9 @@ class FetchSight:
                 object_column=len(robot.DOF_NAMES),
                 camera_site=camera_site,
                 tan_half_fov=tan_half_fov,
-                **sight,
+                near=cfg.near_m,
+                far=cfg.far_m,
+                occlusion=cfg.occlusion,
             )
             self.seen = self._sight.seen
             return
