@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
+from spin_rl.models.depth_encoder import DepthEncoder
 from spin_rl.models.groups import is_depth, is_seen
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
@@ -206,11 +206,14 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         if is_depth(own) != is_depth(other):
             continue
         encoders = target.encoders[own], source.encoders[other]
-        layers = [[_shape(e.mlp), _linear(e.mlp)[0].in_features] for e in encoders]  # type: ignore
-        fits = layers[0] == layers[1]
+        layers: list[Any]
         if is_depth(own):  # the new one may read the flat groups as well
-            cfg: DepthEncoderConfig = encoders[1].cfg  # type: ignore
-            fits = layers[0][0] == layers[1][0] and encoders[0].cfg in (cfg, replace(cfg, reads_flat=True))
+            layers = [(encoder.cfg, f"latent {encoder.latent}") for encoder in encoders]
+            cfg, latent = layers[1]
+            fits = layers[0] in (layers[1], (replace(cfg, reads_flat=True), latent))
+        else:
+            layers = [[_shape(e.mlp), _linear(e.mlp)[0].in_features] for e in encoders]  # type: ignore
+            fits = layers[0] == layers[1]
         if not fits:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
 

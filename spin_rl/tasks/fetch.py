@@ -21,7 +21,7 @@ from spin_rl.tasks.fetch_observations import FetchObservations
 from spin_rl.tasks.fetch_results import FetchEpisodes, FetchStatistics, FetchStep, read_record
 from spin_rl.tasks.object_choice import ObjectChoice
 from spin_rl.tasks.observations import NavObservations
-from spin_rl.tasks.pick_episode import Forces
+from spin_rl.tasks.pick_episode import read_forces
 from spin_rl.tasks.pick_observations import PickNoise, PickObservations
 from spin_rl.tasks.sight import Sight
 
@@ -110,11 +110,7 @@ class FetchEnv(ObjectChoice, TaskEnv):
         self._scenario_choice = wp.full(n, cfg.scenario, dtype=wp.int32)
         self._difficulty_choice = wp.full(n, cfg.difficulty, dtype=wp.int32)
         self._allocate_choice(n, cfg.object)
-        self._forces = Forces()
-        self._forces.finger = sim.grasp.finger_force
-        self._forces.table = sim.grasp.table_force
-        self._forces.hard = sim.grasp.hard_contact
-        self._forces.support = sim.grasp.object_support
+        self._forces = read_forces(sim.grasp)
         self._state = fetch_state.make_state(n, self.device)
         self._state.length = self._episode_length
         self._record = fetch_state.make_record(n, self.device)

@@ -107,11 +107,7 @@ class PickEnv(ObjectChoice, TaskEnv):
         self._progress.succeeded = wp.zeros(n, dtype=bool)
         self._progress.hard_peak = wp.zeros(n, dtype=float)
         self._progress.level = self._level
-        self._forces = pick_episode.Forces()
-        self._forces.finger = sim.grasp.finger_force
-        self._forces.table = sim.grasp.table_force
-        self._forces.hard = sim.grasp.hard_contact
-        self._forces.support = sim.grasp.object_support
+        self._forces = pick_episode.read_forces(sim.grasp)
         self._rules = pick_episode.PickRules()
         self._rules.max_length = self.max_episode_length
         self._rules.hold_steps = max(round(cfg.hold_s / cfg.sim.control_period), 1)

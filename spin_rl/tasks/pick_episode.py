@@ -8,6 +8,7 @@ import torch
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.sim.manipulation import GraspForces
 from spin_rl.tasks.episode import (
     COLLISION,
     NON_FINITE,
@@ -296,6 +297,14 @@ class StepViews:
     collision: torch.Tensor
     dropped: torch.Tensor
     time_out: torch.Tensor
+
+
+def read_forces(grasp: GraspForces) -> Forces:
+    """Make the forces that kernels read of those that the simulation measures."""
+    forces = Forces()
+    forces.finger, forces.table = grasp.finger_force, grasp.table_force
+    forces.hard, forces.support = grasp.hard_contact, grasp.object_support
+    return forces
 
 
 def make_step_arrays(nworld: int, device: str) -> tuple[StepArrays, StepViews]:

@@ -185,6 +185,9 @@ def test_an_encoder_that_cannot_act_as_its_source_is_named(encoder):
     model = make_depth_model(1, DEPTH, reads_flat=True)
     with pytest.raises(ValueError, match="its encoder of depth is") as error:
         copy_model(make_depth_model(2, DEPTH, **encoder), model, Camera())
+    own, other = str(error.value).split("the new one's is")
+    key = list(encoder)[-1]
+    assert key in own and own.partition(key)[2][:12] != other.partition(key)[2][:12], "it shows what differs"
     assert "\n" not in str(error.value)
 
 
