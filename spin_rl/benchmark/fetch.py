@@ -27,6 +27,7 @@ PART_STAGES = {"reach": ("reach",), "pick": ("align", "pick"), "place": ("retrac
 _RULES = (
     "object",
     "detector",
+    "pick_range_m",
     "retries",
     "goal_tolerance_m",
     "home_tolerance_m",

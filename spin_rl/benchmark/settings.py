@@ -16,6 +16,8 @@ from spin_rl.tasks.config import TaskConfig
 
 # What of a training the benchmark that follows it takes over: its scenes and its camera's noise.
 _CONDITIONS = ("scene", "depth")
+_RANGE = ("near_m", "far_m")
+"""What of a depth filter is the policy's own: how metres become the image that it reads."""
 
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:
@@ -40,7 +42,7 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     asked = {override.lstrip("+~").partition("=")[0] for override in overridden}
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
-    keys = ["robot.profile", "task.camera_mount", "task.camera_pose"]
+    keys = ["robot.profile", "task.camera_mount", "task.camera_pose", "task.pick_range_m"]
     for section in ("task.scandots", "task.sight", "task.manipulation", "task.depth", "depth.filter"):
         keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
     if "object" in (OmegaConf.select(source, "runner.obs_groups.actor") or ()):
@@ -62,6 +64,7 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         ConfigError: They were trained for different robots, cameras or depth filters; one robot has one each.
+            The range of depths that a policy reads is its own.
     """
     sources = [OmegaConf.create(dict(trained)) for trained in (nav, pick)]
     seeing = [source for source in sources if OmegaConf.select(source, "task.depth.enabled")]
@@ -72,7 +75,13 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             if values is not None:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
     read = OmegaConf.select(seeing[0], "depth.filter") if seeing else None
-    filters = [f"depth.filter.{name}" for name in read or ()]
+    for name in _RANGE:
+        if read is not None and name in read:
+            OmegaConf.update(joint, f"depth.filter.{name}", read[name], force_add=True)
+    ranges = [[OmegaConf.select(source, f"depth.filter.{name}") for name in _RANGE] for source in seeing]
+    if len(seeing) == 2 and ranges[0] != ranges[1]:
+        OmegaConf.update(joint, "task.pick_range_m", ranges[1], force_add=True)
+    filters = [f"depth.filter.{name}" for name in read or () if name not in _RANGE]
     for key in ("robot.profile", "task.camera_mount", "task.camera_pose", *filters):
         users = seeing if key in filters else [source for source in sources if source]
         values = [OmegaConf.select(source, key) for source in users]

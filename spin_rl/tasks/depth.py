@@ -39,6 +39,7 @@ class DepthImages:
         self.camera.mount_pos = self.pipeline.noise.mount_pos
         self.camera.mount_rot = self.pipeline.noise.mount_rot
         self._policy = wp.to_torch(self.pipeline.policy).flatten(1)
+        self._metres = wp.to_torch(self.pipeline.filter.depth).flatten(1)
 
     def begin(self, mask: wp.array) -> None:
         """Start a new episode in the masked worlds, shape (nworld,), bool; before `update`."""
@@ -49,13 +50,21 @@ class DepthImages:
         self.camera.update()
         self.pipeline.update()
 
-    def observe(self) -> torch.Tensor:
+    def observe(self, range_m: tuple[float, float] | None = None) -> torch.Tensor:
         """Return new images, row after row from the top, 0 (near) to 255, shape (num_envs, pixels), uint8.
 
         A quarter of the memory of 32-bit numbers, in rollouts that are kept to learn from; one step of 255
         is 15 mm in the range of 0.2 to 4 m.
+
+        Args:
+            range_m: Depths that become 0 and 255 [m]; None takes the filter's.
         """
-        return (self._policy * 255.0).add_(0.5).to(torch.uint8)
+        scaled = self._policy
+        if range_m is not None:
+            near, far = range_m
+            scaled = ((self._metres - near) / (far - near)).clamp_(0.0, 1.0)
+            scaled.masked_fill_(self._metres <= 0.0, 1.0)  # holes
+        return (scaled * 255.0).add_(0.5).to(torch.uint8)
 
     def set_episode(self, index: int) -> None:
         """Let the next reset draw the noise of the `index`-th episode of this seed in every world."""

@@ -103,7 +103,9 @@ class FetchEnv(ObjectChoice, TaskEnv):
             hold_steps=self._rules.hold_steps,
         )
         nav = NavObservations(sim, self.scandots, cfg.noise, seed, self.depth)
-        self.observations = FetchObservations(nav, pick, wp.to_torch(self._state.stage))
+        self.observations = FetchObservations(
+            nav, pick, wp.to_torch(self._state.stage), self.depth, cfg.pick_range_m
+        )
 
     def _allocate(self, cfg: FetchConfig, limits: DriveLimits) -> None:
         n, sim, period = self.num_envs, self.sim, cfg.sim.control_period

@@ -64,6 +64,8 @@ class FetchConfig(TaskConfig):
         object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
         detector: How the object is found, one of `sight.DETECTORS`: "none" takes its true place while
             it is in sight (`sight`), "segmentation" finds it in depth images.
+        pick_range_m: Depths that the pick policy sees as 0 and as 255 [m], if it was not trained with those
+            of the depth filter.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
         goal_tolerance_m: Distance at which the table is reached [m].
@@ -91,6 +93,7 @@ class FetchConfig(TaskConfig):
     difficulty: int = -1
     object: str = ANY_OBJECT
     detector: str = "none"
+    pick_range_m: tuple[float, float] | None = None
     limits: StageLimits = field(default_factory=StageLimits)
     retries: int = 1
     goal_tolerance_m: float = 0.15
@@ -137,6 +140,10 @@ class FetchConfig(TaskConfig):
             raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
         check_object(self.object)
         check_detector(self.detector)
+        if self.pick_range_m is not None:
+            near, far = self.pick_range_m
+            if not 0.0 <= near < far < math.inf:
+                raise ValueError(f"task.pick_range_m must be two depths, the nearer first, got {near}, {far}")
         if self.retries < 0:
             raise ValueError(f"task.retries must not be negative, got {self.retries}")
         unknown = sorted(set(self.carry_moves) - set(CARRY_JOINTS))

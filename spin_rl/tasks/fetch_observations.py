@@ -3,6 +3,9 @@
 proprio, goal, scandots, scandots_all, depth   see `observations.py`
 hand, object_start, object, privileged         see `pick_observations.py`
 stage  (num_envs, 1)  index into `fetch_state.STAGES`
+
+Each policy reads depths in the range that it was trained with: images are scaled for picking in that stage,
+for navigation in all others.
 """
 
 from __future__ import annotations
@@ -10,6 +13,8 @@ from __future__ import annotations
 import torch
 from tensordict import TensorDict
 
+from spin_rl.tasks.depth import DepthImages
+from spin_rl.tasks.fetch_state import STAGES
 from spin_rl.tasks.observations import NavObservations
 from spin_rl.tasks.pick_observations import PickObservations
 
@@ -17,21 +22,34 @@ from spin_rl.tasks.pick_observations import PickObservations
 class FetchObservations:
     """Computes the observation groups of both policies."""
 
-    def __init__(self, nav: NavObservations, pick: PickObservations, stage: torch.Tensor) -> None:
+    def __init__(
+        self,
+        nav: NavObservations,
+        pick: PickObservations,
+        stage: torch.Tensor,
+        images: DepthImages | None = None,
+        pick_range: tuple[float, float] | None = None,
+    ) -> None:
         """Keep the two; proprio and images come from `nav`.
 
         Args:
             nav: Of the navigation task.
             pick: Of the pick task.
             stage: Stage of every world, a view, shape (num_envs,), int32.
+            images: The images that `nav` observes, if there are any.
+            pick_range: Depths that the pick policy sees as 0 and as 255 [m]; None for those of `nav`.
         """
         self._nav, self._pick, self._stage = nav, pick, stage
+        self._images, self._pick_range = images, pick_range
 
     def compute(self) -> TensorDict:
         """Return new tensors of all groups."""
         groups = self._pick.compute()
         groups.update(self._nav.compute())
         groups["stage"] = self._stage[:, None].float()
+        if self._images is not None and self._pick_range is not None:
+            picks = (self._stage == STAGES.index("pick"))[:, None]
+            groups["depth"] = torch.where(picks, self._images.observe(self._pick_range), groups["depth"])
         return groups
 
     def reseed(self, seed: int) -> None:

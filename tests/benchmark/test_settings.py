@@ -110,6 +110,20 @@ def test_images_of_a_fetch_are_filtered_as_those_who_read_them_need():
     assert settings.of_fetch({}, PICK_TRAINED)["robot"] == {"profile": "re1"}
 
 
+def test_each_policy_of_a_fetch_reads_depths_in_its_own_range():
+    def ranges(nav, pick):
+        joint = settings.of_fetch(nav, pick)
+        task = fetch_config(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
+        return (task.depth.filter.near_m, task.depth.filter.far_m), task.pick_range_m
+
+    near, far = {"near_m": 0.2, "far_m": 1.6}, {"near_m": 0.3, "far_m": 5.0}
+    both = with_images(TRAINED, **far), with_images(PICK_TRAINED, **near)
+    assert ranges(*both) == ((0.3, 5.0), (0.2, 1.6))
+    assert ranges(both[0], with_images(PICK_TRAINED, **far)) == ((0.3, 5.0), None)
+    assert ranges(both[0], PICK_TRAINED) == ((0.3, 5.0), None)
+    assert ranges(TRAINED, both[1]) == ((0.2, 1.6), None)
+
+
 @pytest.mark.parametrize(
     ("nav", "pick", "message"),
     [

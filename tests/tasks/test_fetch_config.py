@@ -2,11 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
-from fetch_worlds import NUM_WORLDS, idle, stand_at, table_yaw
+from fetch_worlds import CARRY, NUM_WORLDS, PICK, enter, idle, stand_at, table_yaw
 
 from spin_rl import robot
+from spin_rl.sensors.depth_pipeline import DepthConfig
 from spin_rl.tasks import episode
 from spin_rl.tasks.fetch_config import FetchConfig, StageLimits
 
@@ -34,6 +36,20 @@ def test_the_detector_finds_what_is_in_view(make_fetch_env):
     assert (obs["object"][3] == 0.0).all()
 
 
+def test_images_are_scaled_for_picking_in_that_stage_alone(make_fetch_env):
+    cfg = FetchConfig(depth=DepthConfig(), pick_range_m=(0.5, 1.5))
+    env = make_fetch_env(cfg, seed=3)
+    enter(env, PICK, 1)
+    enter(env, CARRY, 2)
+    images = env.get_observations()["depth"].cpu().numpy()
+    metres = env.depth.pipeline.filter.depth.numpy().reshape(NUM_WORLDS, -1)
+    assert (metres == 0).any(), "holes are far"
+    for world in range(NUM_WORLDS):
+        near, far = (0.5, 1.5) if world == 1 else (0.2, 4.0)
+        scaled = np.where(metres[world] > 0, np.clip((metres[world] - near) / (far - near), 0, 1), 1)
+        np.testing.assert_allclose(images[world], 255 * scaled, atol=0.51)
+
+
 def test_the_whole_fetch_has_a_limit(make_fetch_env):
     env = make_fetch_env(FetchConfig(episode_s=0.5), num_envs=2)
     outcomes = []
@@ -50,6 +66,7 @@ def test_the_whole_fetch_has_a_limit(make_fetch_env):
         (lambda: FetchConfig(retries=-1), r"task\.retries"),
         (lambda: FetchConfig(carry_moves=("head_pan",)), r"task\.carry_moves"),
         (lambda: FetchConfig(camera_pose=(0.0, -0.5)), r"task\.camera_pose"),
+        (lambda: FetchConfig(pick_range_m=(1.0, 0.5)), r"task\.pick_range_m"),
         (lambda: FetchConfig(detector="yolo"), r"task\.detector must be one of none, segmentation"),
         (lambda: FetchConfig(object="cup"), r"task\.object must be any or"),
         (lambda: FetchConfig(carry_lift_m=0.2), r"task\.carry_lift_m"),
