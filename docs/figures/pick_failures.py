@@ -4,8 +4,8 @@
 
 100 episodes of 7 s in scenes of their own; a success does not end one. Medians over worlds and steps: how
 many pixels of the policy's image show the object, by the simulator's detector in an image with 16 times as
-many, how far the grasp centre is from the object, along and across the gripper and upwards, how far the fingers
-are open, and how far the object is lifted.
+many, how far the grasp centre is from the object, along and across the gripper and upwards, how far the
+fingers are open, and how far the object is lifted.
 """
 
 from __future__ import annotations
