@@ -125,7 +125,7 @@ def _configure(cfg: DictConfig) -> dict[str, Any]:
     if values["mode"] == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
         raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
     runner = dict(values["runner"])
-    runner |= student_config(teacher, runner.pop("depth_encoder"))
+    runner |= student_config(teacher, runner.pop("depth_encoder"), runner.pop("further_groups"))
     check_distillation(runner, dict.fromkeys(observation_groups(task)), values["num_envs"])
     return with_depth(values | {"runner": runner})
 

@@ -25,6 +25,8 @@ class DepthEncoderConfig:
         hidden: Outputs of the fully connected layers before the latent's.
         reads_flat: The fully connected layers also read the model's flat groups. Where a pixel is in the base
             frame depends on how the head is turned, which `proprio` tells.
+        shortcut: A linear layer adds the flat groups to the latent: what they tell already, the image only
+            has to correct.
     """
 
     image: tuple[int, int] = (87, 58)
@@ -33,6 +35,7 @@ class DepthEncoderConfig:
     strides: tuple[int, ...] = (4, 2, 1)
     hidden: tuple[int, ...] = (128, 64)
     reads_flat: bool = False
+    shortcut: bool = False
 
     def __post_init__(self) -> None:
         """Reject layers that do not fit each other or the image."""
@@ -85,13 +88,14 @@ class DepthEncoder(nn.Module):
         self.convolutions = nn.Sequential(*layers)
         num_inputs = cfg.num_features + (num_flat if cfg.reads_flat else 0)
         self.mlp = token_mlp(num_inputs, cfg.hidden, latent, "relu")
+        self.shortcut = nn.Linear(num_flat, latent) if cfg.shortcut else None
 
     def forward(self, images: torch.Tensor, flat: torch.Tensor | None = None) -> torch.Tensor:
         """Encode images as (..., latent).
 
         Args:
             images: Shape (..., rows * columns), uint8.
-            flat: Flat inputs, normalized, shape (..., num_flat); None where they are not read.
+            flat: Flat inputs, normalized, shape (..., num_flat); may be None where they are not read.
         """
         batch = images.shape[:-1]
         rows, columns = self.cfg.image
@@ -100,7 +104,10 @@ class DepthEncoder(nn.Module):
         features = self.convolutions(pixels.permute(0, 3, 1, 2)).flatten(1)
         if self.cfg.reads_flat and flat is not None:
             features = torch.cat((features, flat.flatten(0, -2)), -1)
-        return self.mlp(features).view(*batch, self.latent)
+        latent = self.mlp(features).view(*batch, self.latent)
+        if self.shortcut is not None and flat is not None:
+            latent = latent + self.shortcut(flat)
+        return latent
 
 
 def make_depth_encoder(

@@ -6,6 +6,8 @@ from collections.abc import Collection
 
 OBJECT = "object"
 """Where the object is while the camera sees it, a flat group (SPIN, F(o_t, x_t))."""
+OBJECT_AT_START = "object_at_start"
+"""The same as if it was seen and had not moved since the start: o_i in the columns of `OBJECT`."""
 
 
 def is_depth(group: str) -> bool:

@@ -267,7 +267,9 @@ def build_student(obs: TensorDict, cfg: Mapping[str, Any], num_actions: int) -> 
     return student_class(obs, cfg["obs_groups"], "actor", num_actions, **student_cfg)
 
 
-def student_config(teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any]) -> dict[str, Any]:
+def student_config(
+    teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any], further_groups: Sequence[str] = ()
+) -> dict[str, Any]:
     """Describe the student of a teacher: the same model with an image in place of what the teacher sees.
 
     The latent is as wide as what it stands for, the latent of scandots or the object's columns.
@@ -275,6 +277,7 @@ def student_config(teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any])
     Args:
         teacher: Metadata of the teacher's policy.
         depth_encoder: Layers of the encoder.
+        further_groups: What the student reads besides; flat groups.
 
     Returns:
         Sections `actor` and `obs_groups` of a runner's configuration.
@@ -290,5 +293,7 @@ def student_config(teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any])
     latent = {} if is_encoded(seen) else {"scandot_latent": teacher["obs_dims"][seen]}
     return {
         "actor": dict(teacher["actor"]) | latent | {"depth_encoder": dict(depth_encoder)},
-        "obs_groups": {"actor": ["depth" if group == seen else group for group in groups]},
+        "obs_groups": {
+            "actor": [*("depth" if group == seen else group for group in groups), *further_groups]
+        },
     }

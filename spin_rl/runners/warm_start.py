@@ -12,8 +12,8 @@ import torch
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.depth_encoder import DepthEncoder
-from spin_rl.models.groups import is_depth, is_seen
+from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
+from spin_rl.models.groups import OBJECT, OBJECT_AT_START, is_depth, is_seen
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.interface import Camera
@@ -106,7 +106,8 @@ def copy_model(
         if is_depth(own) == is_depth(other):
             _copy_encoder(target.encoders[own], source.encoders[other], flat)
         else:
-            notes.append(f"new encoder of {own}")
+            guess = _begin_with_guess(target, source, own, other)
+            notes.append(f"new encoder of {own}{guess}")
 
     if source.is_recurrent:
         weights = dict(source.lstm.named_parameters())  # type: ignore
@@ -184,7 +185,38 @@ def _copy_encoder(target: nn.Module, source: nn.Module, flat: Columns) -> None:
         weight = torch.empty_like(target.mlp[0].weight)  # type: ignore
         _copy_columns(weight, state["mlp.0.weight"], (own, other))
         state["mlp.0.weight"] = weight
+    if isinstance(target, DepthEncoder) and target.shortcut is not None:
+        weight = torch.zeros_like(target.shortcut.weight)
+        if source.cfg.shortcut:  # type: ignore
+            _copy_columns(weight, state["shortcut.weight"], flat)
+        state["shortcut.weight"] = weight
+        state.setdefault("shortcut.bias", torch.zeros_like(target.shortcut.bias))
     target.load_state_dict(state)
+
+
+def _begin_with_guess(target: ScandotModel, source: ScandotModel, own: str, other: str) -> str:
+    """Let a new encoder with a shortcut say at first that the object is where it was at the start.
+
+    The model then acts as the source does while that is so; the image has to tell when it is not.
+
+    Returns:
+        What it begins with, for the description; empty if there is no such guess.
+    """
+    encoder = target.encoders[own]
+    if other != OBJECT or OBJECT_AT_START not in target.flat_dims:
+        return ""
+    if not isinstance(encoder, DepthEncoder) or encoder.shortcut is None:
+        return ""
+    blocks = target.blocks[OBJECT_AT_START], source.blocks[OBJECT]
+    guess, told = ([*range(block.start, block.stop)] for block in blocks)
+    if target.obs_normalization:
+        _copy_normalizer(target.obs_normalizer, source.obs_normalizer, (guess, told))
+    encoder.shortcut.weight.zero_()
+    encoder.shortcut.weight[range(len(guess)), guess] = 1.0
+    last = _linear(encoder.mlp)[-1]
+    for parameter in (encoder.shortcut.bias, last.weight, last.bias):
+        parameter.zero_()
+    return f" that begins with {OBJECT_AT_START}"
 
 
 def _check(target: ScandotModel, source: ScandotModel) -> None:
@@ -209,13 +241,22 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         layers: list[Any]
         if is_depth(own):  # the new one may read the flat groups as well
             layers = [(encoder.cfg, f"latent {encoder.latent}") for encoder in encoders]
-            cfg, latent = layers[1]
-            fits = layers[0] in (layers[1], (replace(cfg, reads_flat=True), latent))
+            fits = layers[0] == layers[1] or (
+                _without_flat(layers[0][0]) == _without_flat(layers[1][0])
+                and layers[0][1] == layers[1][1]
+                and layers[0][0].reads_flat >= layers[1][0].reads_flat
+                and layers[0][0].shortcut >= layers[1][0].shortcut
+            )
         else:
             layers = [[_shape(e.mlp), _linear(e.mlp)[0].in_features] for e in encoders]  # type: ignore
             fits = layers[0] == layers[1]
         if not fits:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
+
+
+def _without_flat(cfg: DepthEncoderConfig) -> DepthEncoderConfig:
+    """The layers of an encoder, whatever it reads beside the image."""
+    return replace(cfg, reads_flat=False, shortcut=False)
 
 
 def _head_columns(target: ScandotModel, source: ScandotModel, inputs: Columns) -> Columns:

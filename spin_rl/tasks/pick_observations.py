@@ -8,6 +8,8 @@
     object        (num_envs, 10)  F(o_t): 1, where the object is now in the base frame [m], and from the grasp
                                   centre in the gripper's axes, in units of 0.2 m and of 0.05 m, clipped to
                                   [-1, 1]; all 0 while the camera does not see it
+    object_at_start  (num_envs, 10)  the same of an object that is seen and where it was at the start: o_i
+                                  in the gripper's axes by the robot's own kinematics, for students
     privileged    (num_envs, 40)  for the critic, see PRIVILEGED
     depth         (num_envs, rows * cols)  image, uint8, see `DepthImages.observe`; if enabled
 
@@ -28,7 +30,7 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.depth import DepthImages
 from spin_rl.tasks.proprioception import Proprioception, ProprioNoise, joints, rotate
 
-PICK_GROUPS = ("proprio", "hand", "object_start", "object", "privileged")
+PICK_GROUPS = ("proprio", "hand", "object_start", "object", "object_at_start", "privileged")
 NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
 FORCE_N = 15.0
 """Unit of the forces that the critic reads [N]."""
@@ -109,12 +111,15 @@ class PickObservations(Proprioception):
         """Return new tensors of all groups; noise is drawn anew at every call."""
         gripper = self._site_mat[:, self._eef]
         grip = self._views.target - joints(self._views.qpos)
-        start = self._in_base(self._object.start_pose[:, :3] + self._start_errors())
+        start = self._object.start_pose[:, :3] + self._start_errors()
+        start = self.perturbed(start, self._noise.object_m)
         groups = {
             "proprio": self.proprio(),
             "hand": torch.cat((self._axes_in_base(gripper), grip[:, self._finger : self._finger + 1]), -1),
-            "object_start": self.perturbed(start, self._noise.object_m),
-            "object": self._seen_object(gripper),
+            "object_start": self._in_base(start),
+            "object": self._told(self.perturbed(self._at, self._noise.object_m), gripper)
+            * self._seen[:, None],
+            "object_at_start": self._told(start, gripper),
             "privileged": self._privileged(gripper, grip),
         }
         if self._depth is not None:
@@ -139,10 +144,10 @@ class PickObservations(Proprioception):
         axes = (gripper[:, :, 0], gripper[:, :, 2])
         return torch.cat([part for a in axes for part in (rotate(a[:, :2], yaw), a[:, 2:3])], -1)
 
-    def _seen_object(self, gripper: torch.Tensor) -> torch.Tensor:
-        at = self.perturbed(self._at, self._noise.object_m)
+    def _told(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
+        """Return what a policy is told of an object that is seen at world points, shape (num_envs, 10)."""
         offset = self._offset(at, gripper)
-        values = torch.cat(
+        return torch.cat(
             (
                 torch.ones_like(offset[:, :1]),
                 self._in_base(at),
@@ -151,7 +156,6 @@ class PickObservations(Proprioception):
             ),
             -1,
         )
-        return values * self._seen[:, None]
 
     def _offset(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
         """Turn world points (num_envs, 3) into the gripper's frame."""

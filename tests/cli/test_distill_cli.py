@@ -147,6 +147,7 @@ def test_a_student_starts_from_a_policy(monkeypatch, capfd, tmp_path, pick_teach
     """Another student's weights or, by default, the teacher's; one of another task does not fit."""
     monkeypatch.chdir(tmp_path)
     options = [f"teacher={pick_teacher}", *TINY[1:], "device=cpu", "max_iterations=1"]
+    options += ["runner.further_groups=[]", "runner.depth_encoder.shortcut=false"]
     slow = ["runner.algorithm.learning_rate=1e-9", "runner.algorithm.min_learning_rate=1e-9"]
     slow.append("runner.algorithm.freeze_iterations=0")
     run_main(monkeypatch, *options, "run_dir=first", "runner.depth_encoder.reads_flat=false")

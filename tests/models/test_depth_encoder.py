@@ -70,6 +70,17 @@ def test_models_read_images_beside_other_groups(kind):
     assert model.obs_normalizer.mean.shape == (5,)
 
 
+def test_a_shortcut_adds_flat_groups_to_the_latent():
+    torch.manual_seed(1)
+    cfg = DepthEncoderConfig(**SMALL, shortcut=True)
+    encoder = DepthEncoder(cfg, 4, num_flat=5)
+    images = torch.randint(0, 256, (6, cfg.num_pixels), dtype=torch.uint8)
+    flat, change = torch.randn(6, 5), torch.randn(6, 5)
+    moved = encoder(images, flat + change) - encoder(images, flat)
+    torch.testing.assert_close(moved, change @ encoder.shortcut.weight.T)
+    assert (moved.abs() > 1e-4).all()
+
+
 @pytest.mark.parametrize("reads_flat", [False, True])
 def test_the_latent_depends_on_flat_groups_if_they_are_read(reads_flat):
     """On the normalized ones; sequences as step by step."""

@@ -191,6 +191,43 @@ def test_an_encoder_that_cannot_act_as_its_source_is_named(encoder):
     assert "\n" not in str(error.value)
 
 
+def test_an_image_of_an_object_begins_with_where_it_was_at_the_start():
+    """A student acts as a teacher that is told so, and learns from images from the first step on."""
+    obs = make_depth_obs()
+    generator = torch.Generator().manual_seed(5)
+    for name in ("object", "object_at_start"):
+        obs[name] = 1.0 + 2.0 * torch.randn(STEPS, ENVS, 4, generator=generator)
+    teacher = trained(make_model("recurrent", [*FLAT, "object"], 1, obs, skip=True), obs)
+    layers = IMAGES | {"reads_flat": True, "shortcut": True}
+    groups = [*FLAT, "depth", "object_at_start"]
+    settings = {"skip": True, "depth_encoder": layers, "scandot_latent": 4}
+    student = trained(make_model("recurrent", groups, 2, obs, **settings), obs)
+    copy_model(student, teacher, Camera())
+    told = obs.clone()
+    told["object"] = obs["object_at_start"]
+    torch.testing.assert_close(act(student, obs), act(teacher, told), atol=1e-5, rtol=1e-5)
+    assert not torch.allclose(act(student, obs), act(teacher, obs), atol=1e-2)
+    student.encode(obs).square().mean().backward()
+    assert (student.encoders["depth"].mlp[-1].weight.grad.abs() > 0).any()
+
+    other = trained(make_model("recurrent", groups[::-1], 3, obs, **settings), obs)
+    with torch.no_grad():
+        for parameter in student.encoders.parameters():
+            parameter.add_(0.1 * torch.randn(parameter.shape, generator=generator))
+    copy_model(other, student, Camera())
+    torch.testing.assert_close(act(other, obs), act(student, obs), atol=1e-5, rtol=1e-5)
+
+
+def test_a_shortcut_starts_without_effect_where_the_source_has_none():
+    obs = make_depth_obs()
+    model = make_depth_model(1, DEPTH, reads_flat=True)
+    new = make_depth_model(2, DEPTH, reads_flat=True, shortcut=True)
+    copy_model(new, model, Camera())
+    torch.testing.assert_close(act(new, obs), act(model, obs), atol=1e-5, rtol=1e-5)
+    with pytest.raises(ValueError, match="shortcut"):
+        copy_model(model, new, Camera())
+
+
 def test_an_unlearned_camera_starts_still_and_without_effect():
     obs = make_obs()
     obs["proprio"][..., [1, 4]] = torch.tensor([0.3, -0.2])  # the pose at which it was frozen

@@ -14,7 +14,7 @@ from spin_rl.tasks.pick_config import PickConfig
 from spin_rl.tasks.pick_observations import PICK_GROUPS, PRIVILEGED, PickNoise
 from spin_rl.tasks.sight import SightConfig
 
-SIZES = {"proprio": 31, "hand": 7, "object_start": 3, "object": 10, "privileged": 40}
+SIZES = {"proprio": 31, "hand": 7, "object_start": 3, "object": 10, "object_at_start": 10, "privileged": 40}
 
 
 def native(env):
@@ -68,6 +68,9 @@ def test_frames(pick_env):
         np.testing.assert_allclose(obs["hand"][world, :6], hand, atol=1e-5)
         o_i = base.T @ (start[world, :3] - origin)
         np.testing.assert_allclose(obs["object_start"][world], o_i, atol=1e-5)
+        back = gripper.T @ (start[world, :3] - grasp)
+        told = [1, *o_i, *np.clip(5 * back, -1, 1), *np.clip(20 * back, -1, 1)]
+        np.testing.assert_allclose(obs["object_at_start"][world], told, atol=1e-4)
         seen = [1, *in_base, *np.clip(5 * offset, -1, 1), *np.clip(20 * offset, -1, 1)]
         np.testing.assert_allclose(obs["object"][world], seen, atol=1e-4)
         np.testing.assert_allclose(privileged["object"][world], in_base, atol=1e-5)
@@ -162,6 +165,14 @@ def test_noise_is_drawn_of_the_object(make_pick_env):
     )
     env.observations._seen[:] = False
     assert (env.get_observations()["object"] == 0).all()
+
+
+def test_what_was_seen_at_the_start_is_as_wrong_as_o_i(make_pick_env):
+    """One draw of the noise for both: a robot has one o_i."""
+    env = make_pick_env(PickConfig(noise=PickNoise(object_m=0.01, object_start_m=0.02)), 16)
+    for _ in range(3):
+        obs = env.step(torch.zeros(16, 10))[0]
+        assert torch.equal(obs["object_at_start"][:, 1:4], obs["object_start"])
 
 
 def start_errors(env):
