@@ -49,8 +49,10 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
         keys.append("task.detector")
     for key in keys:
         value = OmegaConf.select(source, key)
-        by_user = ({key, key.rpartition(".")[0], key.partition(".")[0]} - {"task"}) & asked
-        if value is not None and not by_user:
+        by_user = {key, key.rpartition(".")[0], key.partition(".")[0]} - {"task"}
+        if key.rpartition(".")[2] in _RANGE:  # depth=<file> is about the camera and what mends its images
+            by_user -= {"depth"}
+        if value is not None and not by_user & asked:
             OmegaConf.update(result, key, value, force_add=True)
     return result
 

@@ -125,6 +125,21 @@ def test_each_policy_of_a_fetch_reads_depths_in_its_own_range():
 
 
 @pytest.mark.parametrize(
+    ("overrides", "far", "blur"),
+    [
+        (["depth=d435i"], 1.6, 0.5),
+        (["depth=d435i", "depth.filter.far_m=3.0"], 3.0, 0.5),
+        ([], 1.6, 0.1),
+    ],
+)
+def test_another_camera_leaves_the_policy_its_range(overrides, far, blur):
+    overrides = ["task=pick", *overrides]
+    trained = {"task": {"depth": {"enabled": True}}, "depth": {"filter": {"far_m": 1.6, "blur": 0.1}}}
+    task = pick_config(settings.for_policy(settings.compose(overrides), trained, overrides))
+    assert (task.depth.filter.far_m, task.depth.filter.blur) == (far, blur)
+
+
+@pytest.mark.parametrize(
     ("nav", "pick", "message"),
     [
         (
