@@ -43,7 +43,10 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
     keys = ["robot.profile", "task.camera_mount", "task.camera_pose", "task.pick_range_m"]
-    for section in ("task.scandots", "task.sight", "task.manipulation", "task.depth", "depth.filter"):
+    sections = ["task.scandots", "task.sight", "task.manipulation", "task.depth"]
+    if OmegaConf.select(source, "task.depth.enabled"):
+        sections.append("depth.filter")
+    for section in sections:
         keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
     if "object" in (OmegaConf.select(source, "runner.obs_groups.actor") or ()):
         keys.append("task.detector")

@@ -64,7 +64,7 @@ def distill(cfg: DictConfig) -> None:
             if checkpoint is not None:
                 run_folder.report_changes(runner.load(checkpoint), values)
             elif values["init"] is not None:
-                _start_from(runner, values["init"])
+                _start_from(runner, values["init"], run_folder.range_note(values["init"], values))
             run_folder.write_config(run_dir, values)
             summary = runner.train(values["max_iterations"], values["max_minutes"])
     except CollectorError as error:
@@ -72,8 +72,13 @@ def distill(cfg: DictConfig) -> None:
     run_folder.write_results(run_dir, summary, values, device)
 
 
-def _start_from(runner: DistillRunner, source: str) -> None:
+def _start_from(runner: DistillRunner, source: str, note: str = "") -> None:
     """Let the student begin as another policy, one that sees what it sees or what its teacher does.
+
+    Args:
+        runner: The run, with a new student.
+        source: The policy.
+        note: What is said of it besides.
 
     Raises:
         ConfigError: It does not fit; one line that says why.
@@ -83,7 +88,7 @@ def _start_from(runner: DistillRunner, source: str) -> None:
     except ValueError as error:
         raise ConfigError(f"init: {source} cannot start the student: {error}") from None
     if common.is_main_process():
-        print(f"Initialized from {source}: {notes}", flush=True)
+        print(f"Initialized from {source}: {notes}{note}", flush=True)
 
 
 def make_env(task: NavConfig | PickConfig, num_envs: int, device: str, seed: int) -> TaskEnv:

@@ -78,6 +78,17 @@ def report_changes(state: dict[str, Any], values: dict[str, Any]) -> None:
         print(f"Continuing with other settings than before: {', '.join(changed)}", flush=True)
 
 
+def range_note(source: str, values: dict[str, Any]) -> str:
+    """Say that the policy to start from read depths in another range than this run has; empty if not."""
+    trained = read_policy(source)[1]["config"] or {}
+    if not all(run.get("task", {}).get("depth", {}).get("enabled") for run in (trained, values)):
+        return ""
+    then, now = ([run["depth"]["filter"][name] for name in ("near_m", "far_m")] for run in (trained, values))
+    if then == now:
+        return ""
+    return f"; it read depths of {then[0]} to {then[1]} m, here they are {now[0]} to {now[1]} m"
+
+
 def _changed_settings(before: Any, now: Any, path: str = "") -> list[str]:
     """List settings that differ as `key=value`."""
     if isinstance(before, dict) and isinstance(now, dict):

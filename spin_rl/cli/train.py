@@ -63,7 +63,7 @@ def train(cfg: DictConfig) -> None:
             critic=_rewards_alike(values),
         )
         if common.is_main_process():
-            print(message, flush=True)
+            print(message + run_folder.range_note(values["init"], values), flush=True)
     run_folder.write_config(run_dir, values)  # not before: a resume that is refused leaves the run as it was
     summary = runner.train(values["max_iterations"], values["max_minutes"])
     run_folder.write_results(run_dir, summary, values, device)

@@ -102,10 +102,12 @@ class DepthEncoder(nn.Module):
         pixels = images.reshape(-1, rows, columns, 1).to(self.mlp[0].weight.dtype) / 255.0  # type: ignore
         # Strides of channels-last memory, for which convolutions learn faster on the CPU.
         features = self.convolutions(pixels.permute(0, 3, 1, 2)).flatten(1)
-        if self.cfg.reads_flat and flat is not None:
+        if self.cfg.reads_flat:
+            assert flat is not None
             features = torch.cat((features, flat.flatten(0, -2)), -1)
         latent = self.mlp(features).view(*batch, self.latent)
-        if self.shortcut is not None and flat is not None:
+        if self.shortcut is not None:
+            assert flat is not None
             latent = latent + self.shortcut(flat)
         return latent
 

@@ -9,6 +9,9 @@ OBJECT = "object"
 OBJECT_AT_START = "object_at_start"
 """The same as if it was seen and had not moved since the start: o_i in the columns of `OBJECT`."""
 
+PRIVILEGED = "privileged"
+"""What only a critic may know."""
+
 
 def is_depth(group: str) -> bool:
     """Tell whether a group is of depth images."""

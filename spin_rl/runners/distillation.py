@@ -18,7 +18,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.groups import is_encoded, replaceable_group
+from spin_rl.models.groups import PRIVILEGED, is_encoded, is_seen, replaceable_group
 from spin_rl.runners.algorithm import MAX_LOST_UPDATES
 from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.dvo import action_error
@@ -283,13 +283,15 @@ def student_config(
         Sections `actor` and `obs_groups` of a runner's configuration.
 
     Raises:
-        ValueError: The teacher reads nothing that an image could replace, or images already.
+        ValueError: The teacher reads nothing that an image could replace, or images already, or a further
+            group is read already or tells what only an image may.
     """
     groups: list[str] = teacher["obs_groups"]
     try:
         seen = replaceable_group(groups)
     except ValueError as error:
         raise ValueError(f"teacher: {error}") from None
+    _check_further(further_groups, groups)
     latent = {} if is_encoded(seen) else {"scandot_latent": teacher["obs_dims"][seen]}
     return {
         "actor": dict(teacher["actor"]) | latent | {"depth_encoder": dict(depth_encoder)},
@@ -297,3 +299,13 @@ def student_config(
             "actor": [*("depth" if group == seen else group for group in groups), *further_groups]
         },
     }
+
+
+def _check_further(further: Any, groups: Sequence[str]) -> None:
+    if not isinstance(further, Sequence) or isinstance(further, str):
+        raise ValueError(f"runner.further_groups: expected a list of groups, got {further!r}")
+    for index, group in enumerate(further):
+        if group in groups or group in further[:index]:
+            raise ValueError(f"runner.further_groups: {group} is read already")
+        if is_seen(str(group)) or group == PRIVILEGED:
+            raise ValueError(f"runner.further_groups: {group} tells what a student has to see for itself")

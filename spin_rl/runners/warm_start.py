@@ -241,7 +241,7 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         layers: list[Any]
         if is_depth(own):  # the new one may read the flat groups as well
             layers = [(encoder.cfg, f"latent {encoder.latent}") for encoder in encoders]
-            fits = layers[0] == layers[1] or (
+            fits = (
                 _without_flat(layers[0][0]) == _without_flat(layers[1][0])
                 and layers[0][1] == layers[1][1]
                 and layers[0][0].reads_flat >= layers[1][0].reads_flat

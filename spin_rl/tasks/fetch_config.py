@@ -144,6 +144,8 @@ class FetchConfig(TaskConfig):
             near, far = self.pick_range_m
             if not 0.0 <= near < far < math.inf:
                 raise ValueError(f"task.pick_range_m must be two depths, the nearer first, got {near}, {far}")
+            if self.depth is None:
+                raise ValueError("task.pick_range_m changes nothing without depth images")
         if self.retries < 0:
             raise ValueError(f"task.retries must not be negative, got {self.retries}")
         unknown = sorted(set(self.carry_moves) - set(CARRY_JOINTS))

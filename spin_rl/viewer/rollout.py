@@ -184,8 +184,12 @@ class Player:
         images, cfg = self.env.depth, self.env.cfg.depth
         if images is None or cfg is None:
             return None
-        near, far = cfg.filter.near_m, cfg.filter.far_m
-        return near + (far - near) * images.pipeline.policy.numpy().astype(float)
+        depth = images.pipeline.filter.depth.numpy().astype(float)
+        ranges = np.tile((cfg.filter.near_m, cfg.filter.far_m), (len(depth), 1))
+        if isinstance(self.env, FetchEnv) and self.env.cfg.pick_range_m is not None:
+            ranges[self.env.stage.cpu().numpy() == STAGES.index("pick")] = self.env.cfg.pick_range_m
+        near, far = ranges.T[:, :, None, None]
+        return np.clip(np.where(depth > 0.0, depth, np.inf), near, far)
 
 
 def _moved(target: Target | None, pose: np.ndarray) -> Target | None:

@@ -111,6 +111,7 @@ def pick_teacher(tmp_path):
     description = config["runner"]["actor"]
     torch.manual_seed(0)
     weights = policy_file.build_model(description, "actor", dims, 10).state_dict()
+    weights["obs_normalizer._mean"] = torch.randn(1, 51)
     metadata = {
         "version": policy_file.FORMAT_VERSION,
         "obs_groups": list(dims),
@@ -125,19 +126,28 @@ def pick_teacher(tmp_path):
 
 
 def test_a_student_of_the_pick_task(monkeypatch, capfd, tmp_path, pick_teacher):
-    """The task follows from the teacher, and with it scene, physics and groups; its settings are carried."""
+    """The task follows from the teacher, and with it scene, physics and groups; its settings are carried.
+
+    The teacher has a range of depths in its configuration, but never saw an image.
+    """
     run_dir = tmp_path / "student"
     options = [f"teacher={pick_teacher}", *TINY[1:], f"run_dir={run_dir}", "device=cpu"]
     run_main(monkeypatch, *options, "max_iterations=2")
     config = yaml.safe_load((run_dir / "config.yaml").read_text())
-    assert config["runner"]["obs_groups"]["actor"] == ["proprio", "hand", "object_start", "depth"]
+    groups = ["proprio", "hand", "object_start", "depth", "object_at_start"]
+    assert config["runner"]["obs_groups"]["actor"] == groups
+    assert config["runner"]["algorithm"]["latent_loss"] == 0.5
     task = any_config(config)
     assert isinstance(task, PickConfig)
     assert task.sight.far_m == 3.0 and task.sim.substeps == 8 and task.depth is not None
-    assert task.curriculum.start == 1.0
+    assert task.curriculum.start == 1.0 and task.end_on_success
+    assert task.depth.filter.far_m == 1.6 and task.noise.object_start_m == 0.008
     student, teacher = load_policy(run_dir), load_policy(pick_teacher)
     assert student.encoders["depth"].latent == 10
-    assert torch.equal(student.obs_normalizer._mean, teacher.obs_normalizer._mean[:, :41])
+    assert student.encoders["depth"].cfg.kernels == (5, 3, 3) and student.encoders["depth"].cfg.reads_flat
+    # proprio, hand and object_start; then object_at_start as object.
+    assert torch.equal(student.obs_normalizer._mean, teacher.obs_normalizer._mean)
+    assert student.encoders["depth"].shortcut.weight[:, -10:].diagonal().min() > 0.9
     run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
     assert "Continuing with other settings" not in capfd.readouterr().out
     assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
@@ -151,8 +161,11 @@ def test_a_student_starts_from_a_policy(monkeypatch, capfd, tmp_path, pick_teach
     slow = ["runner.algorithm.learning_rate=1e-9", "runner.algorithm.min_learning_rate=1e-9"]
     slow.append("runner.algorithm.freeze_iterations=0")
     run_main(monkeypatch, *options, "run_dir=first", "runner.depth_encoder.reads_flat=false")
-    run_main(monkeypatch, *options, *slow, "run_dir=second", "init=first", "seed=2")
-    assert "Initialized from first: proprio, hand, object_start, depth, memory" in capfd.readouterr().out
+    run_main(monkeypatch, *options, *slow, "run_dir=second", "init=first", "seed=2", "depth.filter.far_m=3.0")
+    assert (
+        "Initialized from first: proprio, hand, object_start, depth, memory; it read depths of 0.2 to 1.6 m, "
+        "here they are 0.2 to 3.0 m" in capfd.readouterr().out
+    )
     first, second = (load_policy(name).state_dict() for name in ("first", "second"))
     grown = "encoders.depth.mlp.0.weight"
     columns = first[grown].shape[1]

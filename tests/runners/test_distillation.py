@@ -209,6 +209,26 @@ def test_teachers_that_cannot_be_distilled_are_named(teacher):
             student_config({"obs_groups": groups, "actor": {}}, {})
 
 
+@pytest.mark.parametrize(
+    ("further", "message"),
+    [
+        (["goal", "goal"], "goal is read already"),
+        (["proprio"], "proprio is read already"),
+        (["object"], "object tells what a student has to see for itself"),
+        (["scandots"], "scandots is read already"),
+        (["scandots_all"], "scandots_all tells what"),
+        (["privileged"], "privileged tells what"),
+        (None, "expected a list of groups, got None"),
+        ("goal", "expected a list of groups, got 'goal'"),
+    ],
+)
+def test_further_groups_are_new_and_no_secrets(further, message):
+    teacher = {"obs_groups": ["proprio", "scandots"], "actor": {}}
+    with pytest.raises(ValueError, match=rf"^runner\.further_groups: {message}"):
+        student_config(teacher, {}, further)
+    assert student_config(teacher, {}, ["goal"])["obs_groups"]["actor"] == ["proprio", "depth", "goal"]
+
+
 def test_a_feed_forward_teacher_has_a_feed_forward_student():
     student, _ = make_models()
     obs = DepthEnv(num_envs=4).get_observations()
