@@ -1,7 +1,7 @@
 """Observation groups of the fetch task: those of navigation and of picking, each policy reads its own.
 
 proprio, goal, scandots, scandots_all, depth   see `observations.py`
-hand, object_start, object, object_at_start, privileged  see `pick_observations.py`
+hand, object_start, object, object_shape, object_at_start, privileged  see `pick_observations.py`
 stage  (num_envs, 1)  index into `fetch_state.STAGES`
 
 Each policy reads depths in the range that it was trained with: images are scaled for picking in that stage,
