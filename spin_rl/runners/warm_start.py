@@ -190,21 +190,32 @@ def _match_inputs(
 
 def _copy_encoder(target: nn.Module, source: nn.Module, flat: Columns) -> None:
     """Copy an encoder; of the flat inputs that it reads beside an image, those of the source by column."""
+    if isinstance(target, DepthEncoder) and isinstance(source, DepthEncoder):
+        target.load_state_dict(_depth_state(target, source, flat))
+    else:
+        target.load_state_dict(source.state_dict())
+
+
+def _depth_state(target: DepthEncoder, source: DepthEncoder, flat: Columns) -> dict[str, torch.Tensor]:
+    """The source's weights in the target's shapes; further numbers of a wider latent start at zero."""
     state = dict(source.state_dict())
-    if isinstance(target, DepthEncoder) and target.cfg.reads_flat:
+    last = f"mlp.{len(source.mlp) - 1}."
+    for name in [name for name in state if name.startswith((last, "shortcut."))]:
+        further = target.latent - source.latent
+        state[name] = torch.cat((state[name], state[name].new_zeros(further, *state[name].shape[1:])))
+    if target.cfg.reads_flat:
         size = target.cfg.num_features
-        reads_flat = source.cfg.reads_flat  # type: ignore
-        own, other = ([*range(size), *(size + i for i in side if reads_flat)] for side in flat)
+        own, other = ([*range(size), *(size + i for i in side if source.cfg.reads_flat)] for side in flat)
         weight = torch.empty_like(target.mlp[0].weight)  # type: ignore
         _copy_columns(weight, state["mlp.0.weight"], (own, other))
         state["mlp.0.weight"] = weight
-    if isinstance(target, DepthEncoder) and target.shortcut is not None:
+    if target.shortcut is not None:
         weight = torch.zeros_like(target.shortcut.weight)
-        if source.cfg.shortcut:  # type: ignore
+        if source.cfg.shortcut:
             _copy_columns(weight, state["shortcut.weight"], flat)
         state["shortcut.weight"] = weight
         state.setdefault("shortcut.bias", torch.zeros_like(target.shortcut.bias))
-    target.load_state_dict(state)
+    return state
 
 
 def _begin_with_guess(target: ScandotModel, source: ScandotModel, own: str, other: str) -> str:
@@ -253,11 +264,11 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
             continue
         encoders = target.encoders[own], source.encoders[other]
         layers: list[Any]
-        if is_depth(own):  # the new one may read the flat groups as well
+        if is_depth(own):  # the new one may read the flat groups as well, and its latent be wider
             layers = [(encoder.cfg, f"latent {encoder.latent}") for encoder in encoders]
             fits = (
                 _without_flat(layers[0][0]) == _without_flat(layers[1][0])
-                and layers[0][1] == layers[1][1]
+                and encoders[0].latent >= encoders[1].latent  # type: ignore
                 and layers[0][0].reads_flat >= layers[1][0].reads_flat
                 and layers[0][0].shortcut >= layers[1][0].shortcut
             )
@@ -291,6 +302,10 @@ def _reads_inputs(model: ScandotModel) -> bool:
 def _copy_columns(target: torch.Tensor, source: torch.Tensor, columns: Columns) -> None:
     target.zero_()
     target[:, columns[0]] = source[:, columns[1]].to(target.device)
+
+
+def _with_rows_of_zeros(tensor: torch.Tensor, number: int) -> torch.Tensor:
+    return torch.cat((tensor, tensor.new_zeros(number, *tensor.shape[1:])))
 
 
 def _restrict(columns: Columns, size: int) -> Columns:

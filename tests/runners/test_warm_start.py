@@ -241,6 +241,13 @@ def test_an_image_of_an_object_begins_with_where_it_was_at_the_start(told_group,
     copy_model(other, student, Camera())
     torch.testing.assert_close(act(other, obs), act(student, obs), atol=1e-5, rtol=1e-5)
 
+    wider = make_model("recurrent", groups, 4, obs, **settings | {"scandot_latent": latent + 3})
+    copy_model(wider, student, Camera())
+    torch.testing.assert_close(act(wider, obs), act(student, obs), atol=1e-5, rtol=1e-5)
+    assert (wider.encode(obs)[..., -3:] == 0.0).all()
+    with pytest.raises(ValueError, match=f"latent {latent + 3}.*the new one's is .*latent {latent}"):
+        copy_model(student, wider, Camera())
+
 
 def test_a_shortcut_starts_without_effect_where_the_source_has_none():
     obs = make_depth_obs()
