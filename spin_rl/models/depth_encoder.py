@@ -8,9 +8,14 @@ from typing import Any
 
 import torch
 from torch import nn
+from torch.nn import functional
 
 from spin_rl.config import from_mapping
 from spin_rl.models.pointnet import token_mlp
+
+_HAND_KERNEL, _HAND_STRIDE = 3, 2
+_HAND_SCALE = 10.0
+"""Of depths from the hand's, in a window: a tenth of the image's range is 1 and cut off."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,9 @@ class DepthEncoderConfig:
             frame depends on how the head is turned, which `proprio` tells.
         shortcut: A linear layer adds the flat groups to the latent: what they tell already, the image only
             has to correct.
+        hand_window: Rows and columns of a window around the hand that further convolutions read, 0 for none.
+            There a pixel's place tells where it is from the hand, however head and arm are turned.
+        hand_channels: Output channels of these convolutions, of kernel 3 and stride 2.
     """
 
     image: tuple[int, int] = (87, 58)
@@ -36,13 +44,18 @@ class DepthEncoderConfig:
     hidden: tuple[int, ...] = (128, 64)
     reads_flat: bool = False
     shortcut: bool = False
+    hand_window: int = 0
+    hand_channels: tuple[int, ...] = (16, 32)
 
     def __post_init__(self) -> None:
         """Reject layers that do not fit each other or the image."""
         if not len(self.channels) == len(self.kernels) == len(self.strides) > 0:
             raise ValueError("depth_encoder.channels, kernels and strides must have the same length.")
-        if min(*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden, 1) < 1:
+        sizes = (*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden, *self.hand_channels)
+        if min(sizes) < 1 or self.hand_window < 0:
             raise ValueError("depth_encoder: sizes must be positive.")
+        if self.hand_window and self.hand_map_side < 1:
+            raise ValueError(f"depth_encoder.hand_window: nothing is left of {self.hand_window} pixels.")
         if min(self.map_size) < 1:
             raise ValueError(f"depth_encoder: the convolutions leave nothing of a {self.image} image.")
 
@@ -55,10 +68,23 @@ class DepthEncoderConfig:
         return rows, columns
 
     @property
+    def hand_map_side(self) -> int:
+        """Rows and columns that the further convolutions leave of the window."""
+        side = self.hand_window
+        for _ in self.hand_channels:
+            side = (side - _HAND_KERNEL) // _HAND_STRIDE + 1
+        return side
+
+    @property
     def num_features(self) -> int:
         """Numbers that the convolutions leave of an image."""
         rows, columns = self.map_size
         return self.channels[-1] * rows * columns
+
+    @property
+    def num_hand_features(self) -> int:
+        """Numbers that the further convolutions leave of the window around the hand."""
+        return self.hand_channels[-1] * self.hand_map_side**2 if self.hand_window else 0
 
     @property
     def num_pixels(self) -> int:
@@ -80,28 +106,35 @@ class DepthEncoder(nn.Module):
         super().__init__()
         self.cfg = cfg
         self.latent = latent
-        layers: list[nn.Module] = []
-        channels = 1
-        for width, kernel, stride in zip(cfg.channels, cfg.kernels, cfg.strides, strict=True):
-            layers += [nn.Conv2d(channels, width, kernel, stride), nn.ReLU()]
-            channels = width
-        self.convolutions = nn.Sequential(*layers)
-        num_inputs = cfg.num_features + (num_flat if cfg.reads_flat else 0)
+        self.convolutions = _convolutions(cfg.channels, cfg.kernels, cfg.strides)
+        number = len(cfg.hand_channels) if cfg.hand_window else 0
+        self.hand_convolutions = _convolutions(
+            cfg.hand_channels[:number], (_HAND_KERNEL,) * number, (_HAND_STRIDE,) * number
+        )
+        num_inputs = cfg.num_features + cfg.num_hand_features + (num_flat if cfg.reads_flat else 0)
         self.mlp = token_mlp(num_inputs, cfg.hidden, latent, "relu")
         self.shortcut = nn.Linear(num_flat, latent) if cfg.shortcut else None
 
-    def forward(self, images: torch.Tensor, flat: torch.Tensor | None = None) -> torch.Tensor:
+    def forward(
+        self, images: torch.Tensor, flat: torch.Tensor | None = None, hand: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Encode images as (..., latent).
 
         Args:
             images: Shape (..., rows * columns), uint8.
             flat: Flat inputs, normalized, shape (..., num_flat); may be None where they are not read.
+            hand: `HAND_IN_IMAGE`, shape (..., 3); may be None where no window around it is read.
         """
         batch = images.shape[:-1]
         rows, columns = self.cfg.image
         pixels = images.reshape(-1, rows, columns, 1).to(self.mlp[0].weight.dtype) / 255.0  # type: ignore
         # Strides of channels-last memory, for which convolutions learn faster on the CPU.
-        features = self.convolutions(pixels.permute(0, 3, 1, 2)).flatten(1)
+        pixels = pixels.permute(0, 3, 1, 2)
+        features = self.convolutions(pixels).flatten(1)
+        if self.cfg.hand_window:
+            assert hand is not None
+            window = hand_window(pixels, hand.flatten(0, -2), self.cfg.hand_window)
+            features = torch.cat((features, self.hand_convolutions(window).flatten(1)), -1)
         if self.cfg.reads_flat:
             assert flat is not None
             features = torch.cat((features, flat.flatten(0, -2)), -1)
@@ -110,6 +143,37 @@ class DepthEncoder(nn.Module):
             assert flat is not None
             latent = latent + self.shortcut(flat)
         return latent
+
+
+def _convolutions(
+    channels: tuple[int, ...], kernels: tuple[int, ...], strides: tuple[int, ...]
+) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    inputs = 1
+    for width, kernel, stride in zip(channels, kernels, strides, strict=True):
+        layers += [nn.Conv2d(inputs, width, kernel, stride), nn.ReLU()]
+        inputs = width
+    return nn.Sequential(*layers)
+
+
+def hand_window(pixels: torch.Tensor, hand: torch.Tensor, side: int) -> torch.Tensor:
+    """Cut a square around the hand out of images, to fractions of a pixel; depths are from the hand's.
+
+    Args:
+        pixels: Shape (num, 1, rows, columns), 0 to 1.
+        hand: `HAND_IN_IMAGE`, shape (num, 3).
+        side: Rows and columns of the squares.
+
+    Returns:
+        Shape (num, 1, side, side), -1 to 1. Beyond the image's edge the edge goes on.
+    """
+    rows, columns = pixels.shape[-2:]
+    steps = torch.arange(side, device=pixels.device) - 0.5 * (side - 1)
+    x = hand[:, 0, None, None] + 2.0 / columns * steps
+    y = hand[:, 1, None, None] + 2.0 / rows * steps[:, None]
+    grid = torch.stack(torch.broadcast_tensors(x, y), -1)
+    window = functional.grid_sample(pixels, grid, padding_mode="border", align_corners=False)
+    return (_HAND_SCALE * (window - hand[:, 2, None, None, None])).clamp(-1.0, 1.0)
 
 
 def make_depth_encoder(

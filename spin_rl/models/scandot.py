@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from spin_rl.models.depth_encoder import make_depth_encoder
-from spin_rl.models.groups import is_depth, is_encoded
+from spin_rl.models.groups import HAND_IN_IMAGE, is_depth, is_encoded
 from spin_rl.models.lstm import LSTMState, ResettableLSTM
 from spin_rl.models.pointnet import TOKEN_DIM, make_scandot_encoder, token_mlp
 
@@ -85,6 +85,10 @@ class ScandotModel(MLPModel):
                 encoders[group] = make_depth_encoder(
                     depth_encoder or {}, group, size, scandot_latent, self.obs_dim
                 )
+                if encoders[group].cfg.hand_window and HAND_IN_IMAGE not in groups:  # type: ignore
+                    raise ValueError(
+                        f"depth_encoder.hand_window needs the observation group {HAND_IN_IMAGE}."
+                    )
             else:
                 encoders[group] = make_scandot_encoder(encoder, group, size, encoder_hidden, scandot_latent)
         self.encoders = nn.ModuleDict(encoders)
@@ -132,7 +136,7 @@ class ScandotModel(MLPModel):
         """Concatenate the normalized flat groups and, last, the latents."""
         flat = self.obs_normalizer(torch.cat([obs[group] for group in self.obs_groups], dim=-1))
         latents = [
-            encoder(obs[group], flat)
+            encoder(obs[group], flat, obs[HAND_IN_IMAGE] if HAND_IN_IMAGE in self.flat_dims else None)
             if is_depth(group)
             else encoder(obs[group].unflatten(-1, (-1, TOKEN_DIM)))
             for group, encoder in self.encoders.items()

@@ -203,12 +203,14 @@ def _depth_state(target: DepthEncoder, source: DepthEncoder, flat: Columns) -> d
     for name in [name for name in state if name.startswith((last, "shortcut."))]:
         further = target.latent - source.latent
         state[name] = torch.cat((state[name], state[name].new_zeros(further, *state[name].shape[1:])))
-    if target.cfg.reads_flat:
-        size = target.cfg.num_features
-        own, other = ([*range(size), *(size + i for i in side if source.cfg.reads_flat)] for side in flat)
-        weight = torch.empty_like(target.mlp[0].weight)  # type: ignore
-        _copy_columns(weight, state["mlp.0.weight"], (own, other))
-        state["mlp.0.weight"] = weight
+    own, other = (
+        _read_columns(encoder, side, source) for encoder, side in zip((target, source), flat, strict=True)
+    )
+    weight = torch.empty_like(target.mlp[0].weight)  # type: ignore
+    _copy_columns(weight, state["mlp.0.weight"], (own, other))
+    state["mlp.0.weight"] = weight
+    if not source.cfg.hand_window:
+        state |= {name: value for name, value in target.state_dict().items() if name.startswith("hand_")}
     if target.shortcut is not None:
         weight = torch.zeros_like(target.shortcut.weight)
         if source.cfg.shortcut:
@@ -216,6 +218,14 @@ def _depth_state(target: DepthEncoder, source: DepthEncoder, flat: Columns) -> d
         state["shortcut.weight"] = weight
         state.setdefault("shortcut.bias", torch.zeros_like(target.shortcut.bias))
     return state
+
+
+def _read_columns(encoder: DepthEncoder, flat: list[int], source: DepthEncoder) -> list[int]:
+    """Columns of an encoder's fully connected layers that a source has too, in the same order for both."""
+    cfg = encoder.cfg
+    size = cfg.num_features + source.cfg.num_hand_features
+    first_flat = cfg.num_features + cfg.num_hand_features
+    return [*range(size), *(first_flat + i for i in flat if source.cfg.reads_flat)]
 
 
 def _begin_with_guess(target: ScandotModel, source: ScandotModel, own: str, other: str) -> str:
@@ -264,13 +274,14 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
             continue
         encoders = target.encoders[own], source.encoders[other]
         layers: list[Any]
-        if is_depth(own):  # the new one may read the flat groups as well, and its latent be wider
+        if is_depth(own):  # the new one may read more than the image, and its latent be wider
             layers = [(encoder.cfg, f"latent {encoder.latent}") for encoder in encoders]
             fits = (
-                _without_flat(layers[0][0]) == _without_flat(layers[1][0])
+                _without_additions(layers[0][0]) == _without_additions(layers[1][0])
                 and encoders[0].latent >= encoders[1].latent  # type: ignore
                 and layers[0][0].reads_flat >= layers[1][0].reads_flat
                 and layers[0][0].shortcut >= layers[1][0].shortcut
+                and layers[1][0].hand_window in (0, layers[0][0].hand_window)
             )
         else:
             layers = [[_shape(e.mlp), _linear(e.mlp)[0].in_features] for e in encoders]  # type: ignore
@@ -279,9 +290,9 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
 
 
-def _without_flat(cfg: DepthEncoderConfig) -> DepthEncoderConfig:
-    """The layers of an encoder, whatever it reads beside the image."""
-    return replace(cfg, reads_flat=False, shortcut=False)
+def _without_additions(cfg: DepthEncoderConfig) -> DepthEncoderConfig:
+    """The layers of an encoder, whatever it reads beside the image as a whole."""
+    return replace(cfg, reads_flat=False, shortcut=False, hand_window=0)
 
 
 def _head_columns(target: ScandotModel, source: ScandotModel, inputs: Columns) -> Columns:

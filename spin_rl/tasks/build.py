@@ -22,7 +22,7 @@ from spin_rl.tasks.depth import image_shape
 from spin_rl.tasks.fetch_config import FetchConfig
 from spin_rl.tasks.observations import GROUPS, OPTIONAL_GROUPS
 from spin_rl.tasks.pick_config import PickConfig
-from spin_rl.tasks.pick_observations import PICK_GROUPS
+from spin_rl.tasks.pick_observations import PICK_GROUPS, PICK_OPTIONAL_GROUPS
 
 T = TypeVar("T")
 
@@ -82,7 +82,7 @@ def any_config(cfg: DictConfig | Mapping[str, Any]) -> NavConfig | PickConfig | 
 
 def observation_groups(task: str) -> tuple[str, ...]:
     """Return the observation groups of the task of a name, those that it may have included."""
-    return (*(PICK_GROUPS if task == "pick" else GROUPS), *OPTIONAL_GROUPS)
+    return (*PICK_GROUPS, *PICK_OPTIONAL_GROUPS) if task == "pick" else (*GROUPS, *OPTIONAL_GROUPS)
 
 
 def make_env(cfg: NavConfig | PickConfig | FetchConfig, num_envs: int, device: str, seed: int) -> TaskEnv:

@@ -10,6 +10,9 @@ from spin_rl.sensors.depth import PIXELS, DepthCamera
 from spin_rl.sensors.depth_pipeline import DepthConfig, DepthPipeline
 from spin_rl.sim import Simulation
 
+_NEAREST_M = 0.05
+"""Points nearer than this, or behind, are located as if they were here."""
+
 
 class DepthImages:
     """Owns camera and pipeline; `begin` and `update` belong into the captured step."""
@@ -39,6 +42,11 @@ class DepthImages:
         self.camera.mount_pos = self.pipeline.noise.mount_pos
         self.camera.mount_rot = self.pipeline.noise.mount_rot
         self._policy = wp.to_torch(self.pipeline.policy).flatten(1)
+        self._camera_pos, self._camera_mat = (
+            wp.to_torch(poses)[:, camera_site] for poses in (sim.data.site_xpos, sim.data.site_xmat)
+        )
+        self._tan_half_fov = tan_half_fov
+        self._range = (cfg.filter.near_m, cfg.filter.far_m)
         self._metres = wp.to_torch(self.pipeline.filter.depth).flatten(1)
 
     def begin(self, mask: wp.array) -> None:
@@ -65,6 +73,22 @@ class DepthImages:
             scaled = ((self._metres - near) / (far - near)).clamp_(0.0, 1.0)
             scaled.masked_fill_(self._metres <= 0.0, 1.0)  # holes
         return (scaled * 255.0).add_(0.5).to(torch.uint8)
+
+    def locate(self, point_w: torch.Tensor, range_m: tuple[float, float] | None = None) -> torch.Tensor:
+        """Return where points are in the images, by the robot's own kinematics, shape (num_envs, 3).
+
+        From -1 to 1 to the right and down, up to 3 in size beyond the edges, and the depth as `observe`
+        scales it, 0 to 1 within the range. The camera's mounting error is not known.
+
+        Args:
+            point_w: World points [m], shape (num_envs, 3).
+            range_m: As for `observe`.
+        """
+        x, y, z = (self._camera_mat * (point_w - self._camera_pos)[:, :, None]).sum(1).unbind(-1)
+        near, far = self._range if range_m is None else range_m
+        ahead = z.clamp(min=_NEAREST_M)
+        down, right = x / (ahead * self._tan_half_fov[0]), -y / (ahead * self._tan_half_fov[1])
+        return torch.stack((right.clamp(-3.0, 3.0), down.clamp(-3.0, 3.0), (z - near) / (far - near)), -1)
 
     def set_episode(self, index: int) -> None:
         """Let the next reset draw the noise of the `index`-th episode of this seed in every world."""

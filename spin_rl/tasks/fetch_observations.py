@@ -2,6 +2,7 @@
 
 proprio, goal, scandots, scandots_all, depth   see `observations.py`
 hand, object_start, object, object_shape, object_at_start, privileged  see `pick_observations.py`
+hand_in_image  likewise, in the pick policy's range of depths
 stage  (num_envs, 1)  index into `fetch_state.STAGES`
 
 Each policy reads depths in the range that it was trained with: images are scaled for picking in that stage,
@@ -47,9 +48,11 @@ class FetchObservations:
         groups = self._pick.compute()
         groups.update(self._nav.compute())
         groups["stage"] = self._stage[:, None].float()
-        if self._images is not None and self._pick_range is not None:
-            picks = (self._stage == STAGES.index("pick"))[:, None]
-            groups["depth"] = torch.where(picks, self._images.observe(self._pick_range), groups["depth"])
+        if self._images is not None:
+            groups["hand_in_image"] = self._images.locate(self._pick.grasp_centre, self._pick_range)
+            if self._pick_range is not None:
+                picks = (self._stage == STAGES.index("pick"))[:, None]
+                groups["depth"] = torch.where(picks, self._images.observe(self._pick_range), groups["depth"])
         return groups
 
     def reseed(self, seed: int) -> None:

@@ -14,6 +14,7 @@
                                   in the gripper's axes by the robot's own kinematics, for students
     privileged    (num_envs, 40)  for the critic, see PRIVILEGED
     depth         (num_envs, rows * cols)  image, uint8, see `DepthImages.observe`; if enabled
+    hand_in_image  (num_envs, 3)  where the grasp centre is in it, see `DepthImages.locate`; with the image
 
 The gripper's axes are those of the grasp centre: x out of the gripper, y from finger to finger.
 """
@@ -33,6 +34,7 @@ from spin_rl.tasks.depth import DepthImages
 from spin_rl.tasks.proprioception import Proprioception, ProprioNoise, joints, rotate
 
 PICK_GROUPS = ("proprio", "hand", "object_start", "object", "object_shape", "object_at_start", "privileged")
+PICK_OPTIONAL_GROUPS = ("depth", "hand_in_image")
 NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
 FORCE_N = 15.0
 """Unit of the forces that the critic reads [N]."""
@@ -128,7 +130,13 @@ class PickObservations(Proprioception):
         }
         if self._depth is not None:
             groups["depth"] = self._depth.observe()
+            groups["hand_in_image"] = self._depth.locate(self.grasp_centre)
         return TensorDict(groups, batch_size=[self._sim.nworld])
+
+    @property
+    def grasp_centre(self) -> torch.Tensor:
+        """Between the fingertips, world, a view [m], shape (num_envs, 3)."""
+        return self._views.site_pos[:, self._eef]
 
     def _start_errors(self) -> torch.Tensor:
         """Return what is wrong with o_i in this episode [m], world, shape (num_envs, 3)."""
@@ -175,7 +183,7 @@ class PickObservations(Proprioception):
 
     def _offset(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
         """Turn world points (num_envs, 3) into the gripper's frame."""
-        return _turned_back(gripper, at - self._views.site_pos[:, self._eef])
+        return _turned_back(gripper, at - self.grasp_centre)
 
     def _privileged(self, gripper: torch.Tensor, grip: torch.Tensor) -> torch.Tensor:
         """Return the blocks of PRIVILEGED, shape (num_envs, 40)."""

@@ -7,6 +7,7 @@ from torch.nn import functional
 
 from spin_rl.config import ConfigError
 from spin_rl.models import DepthEncoder, DepthEncoderConfig, ScandotModel, ScandotRecurrentModel
+from spin_rl.models.depth_encoder import hand_window
 
 SMALL = {"image": [9, 6], "channels": [4, 3], "kernels": [3, 2], "strides": [2, 1], "hidden": [7]}
 
@@ -117,3 +118,53 @@ def test_impossible_settings_are_named(settings, message):
     with pytest.raises((ConfigError, ValueError), match=message) as error:
         ScandotModel(obs, {"actor": ["proprio", "depth"]}, "actor", 2, depth_encoder=SMALL | settings)
     assert "\n" not in str(error.value)
+
+
+def at_pixel(row, column, depth, image=(9, 6)):
+    """`hand_in_image` of a hand in the middle of a pixel."""
+    return torch.tensor([(2 * column + 1) / image[1] - 1, (2 * row + 1) / image[0] - 1, depth])
+
+
+def test_the_window_is_cut_around_the_hand_with_depths_from_it():
+    images = torch.linspace(0.3, 0.45, 54).view(1, 1, 9, 6)
+    window = hand_window(images, at_pixel(4, 2, 0.36)[None], 3)
+    torch.testing.assert_close(window, 10 * (images[:, :, 3:6, 1:4] - 0.36), atol=1e-5, rtol=0.0)
+    # Between pixels: their mean. Beyond the edge: the edge. Far from the hand: the end of the scale.
+    window = hand_window(images, at_pixel(4, 2.5, 0.36)[None], 1)
+    torch.testing.assert_close(window[0, 0, 0, 0], 10 * (images[0, 0, 4, 2:4].mean() - 0.36))
+    window = hand_window(images, at_pixel(0, 0, 0.9)[None], 3)
+    assert (window == -1.0).all()
+    window = hand_window(images, at_pixel(0, 0, 0.31)[None], 3)
+    torch.testing.assert_close(window[0, 0, 0], window[0, 0, 1])
+
+
+def test_window_features_move_with_the_hand():
+    """What lies around the hand is the same wherever both are in the image; the rest of it is not."""
+    torch.manual_seed(2)
+    cfg = DepthEncoderConfig(**SMALL, hand_window=3, hand_channels=(2,))
+    encoder = DepthEncoder(cfg, 4)
+    assert encoder.mlp[0].in_features == cfg.num_features + 2
+    image = torch.zeros(1, 9, 6, dtype=torch.uint8)
+    image[:, 2:5, 1:4] = torch.randint(80, 100, (1, 3, 3), dtype=torch.uint8)
+    moved = image.roll((2, 1), (1, 2))
+    hands = at_pixel(3, 2, 0.35), at_pixel(5, 3, 0.35)
+    with torch.no_grad():
+        encoder.mlp[0].weight[:, : cfg.num_features] = 0.0
+        both = [encoder(i.flatten(1), None, h[None]) for i, h in zip((image, moved), hands, strict=True)]
+        other = encoder(moved.flatten(1), None, hands[0][None])
+    torch.testing.assert_close(*both)
+    assert not torch.allclose(other, both[0], atol=1e-3)
+
+
+def test_models_hand_the_place_of_the_hand_on():
+    obs = make_observations(6)
+    obs["hand_in_image"] = 0.3 * torch.randn(6, 3)
+    layers = SMALL | {"hand_window": 7}
+    groups = {"actor": ["proprio", "hand_in_image", "depth"]}
+    model = ScandotRecurrentModel(obs, groups, "actor", 2, depth_encoder=layers)
+    expected = model.encoders["depth"](obs["depth"], None, obs["hand_in_image"])
+    torch.testing.assert_close(model.encode(obs)[:, 8:], expected)
+    with pytest.raises(ValueError, match=r"^depth_encoder\.hand_window needs the .* hand_in_image"):
+        ScandotModel(obs, {"actor": ["proprio", "depth"]}, "actor", 2, depth_encoder=layers)
+    with pytest.raises(ValueError, match=r"^depth_encoder\.hand_window: nothing is left of 4 pixels"):
+        DepthEncoderConfig(**SMALL, hand_window=4)

@@ -1,5 +1,7 @@
 """A warm start: where both see the same, the new model does what the source does."""
 
+import functools
+
 import pytest
 import torch
 from fake_env import FakeEnv, make_config
@@ -175,6 +177,24 @@ def test_an_encoder_that_reads_flat_groups_starts_as_its_source(source, target):
     new.encode(obs).square().mean().backward()
     flat = new.encoders["depth"].mlp[0].weight.grad[:, -new.obs_dim :]
     assert (flat.abs().amax(0) > 0).all(), "all of them are learned from the first step on"
+
+
+@pytest.mark.parametrize("source", [{"reads_flat": True}, {"reads_flat": False}, {"hand_window": 7}])
+def test_a_window_around_the_hand_starts_without_effect(source):
+    obs = make_depth_obs()
+    obs["hand_in_image"] = 0.3 * torch.randn(STEPS, ENVS, 3)
+    groups = [*FLAT, "hand_in_image", "depth"] if "hand_window" in source else DEPTH
+    make = functools.partial(make_model, "recurrent", obs=obs, skip=True)
+    model = trained(make(groups=groups, seed=1, depth_encoder=IMAGES | source), obs)
+    layers = IMAGES | {"reads_flat": True, "shortcut": True, "hand_window": 7}
+    new = make(groups=["hand_in_image", *DEPTH], seed=2, depth_encoder=layers)
+    copy_model(new, model, Camera())
+    torch.testing.assert_close(act(new, obs), act(model, obs), atol=1e-5, rtol=1e-5)
+    new.encode(obs).square().mean().backward()
+    size = new.encoders["depth"].cfg.num_features
+    assert (new.encoders["depth"].mlp[0].weight.grad[:, size : size + 32].abs().amax(0) > 0).any()
+    with pytest.raises(ValueError, match=r"hand_window=7.*the new one's.*hand_window=0"):
+        copy_model(make(groups=groups, seed=1, depth_encoder=IMAGES), new, Camera())
 
 
 @pytest.mark.parametrize(

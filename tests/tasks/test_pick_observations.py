@@ -262,3 +262,33 @@ def test_the_depth_image_shows_the_object_where_it_is_seen(make_pick_env):
     env.depth.update()
     changed = (env.depth.observe() != obs["depth"]).sum(1)
     assert (changed[seen] > 3).all() and changed[~seen].median() == 0
+
+
+def test_the_hand_is_where_the_image_shows_it(make_pick_env):
+    """Against a pinhole camera in NumPy; and a can in the hand is drawn at that place, at that depth."""
+    env = make_pick_env(PickConfig(depth=DepthConfig()), 8, seed=3)
+    run(env, actions(4, 8))
+    env.set_objects(["can"] * 8)
+    env.reset()
+    sim, n = env.sim, 8
+    sim.object.views.pos[:] = env.observations.grasp_centre
+    sim.forward()
+    env.depth.update()
+    obs = env.get_observations()
+    images = obs["depth"].view(n, 87, 58).cpu().numpy() / 255.0
+    tan_rows, tan_columns = robot.camera_tan_half_fov(env.cfg.camera_mount)
+    shown = 0
+    for world, data in enumerate(native(env)):
+        camera = data.site("camera_depth_optical_frame")
+        grasp = data.site(robot.GRASP_CENTER_SITE).xpos
+        x, y, z = camera.xmat.reshape(3, 3).T @ (grasp - camera.xpos)
+        place = np.array([-y / tan_columns, x / tan_rows]) / max(z, 0.05)
+        expected = [*np.clip(place, -3, 3), (z - 0.2) / 3.8]
+        located = obs["hand_in_image"][world].cpu().numpy()
+        np.testing.assert_allclose(located, expected, atol=1e-4)
+        if z > 0.2 and np.abs(located[:2]).max() < 0.95:
+            column, row = (int((1 + p) / 2 * size) for p, size in zip(located, (58, 87), strict=False))
+            nearer = located[2] - images[world, row, column]
+            assert nearer > 0.0  # a side of the can, or what hides it
+            shown += nearer < 0.06 / 3.8
+    assert shown > 1
