@@ -134,7 +134,7 @@ def test_a_student_of_the_pick_task(monkeypatch, capfd, tmp_path, pick_teacher):
     options = [f"teacher={pick_teacher}", *TINY[1:], f"run_dir={run_dir}", "device=cpu"]
     run_main(monkeypatch, *options, "max_iterations=2")
     config = yaml.safe_load((run_dir / "config.yaml").read_text())
-    groups = ["proprio", "hand", "object_start", "depth", "object_at_start"]
+    groups = ["proprio", "hand", "object_start", "depth", "object_at_start", "hand_in_image"]
     assert config["runner"]["obs_groups"]["actor"] == groups
     assert config["runner"]["algorithm"]["latent_loss"] == 0.5
     task = any_config(config)
@@ -145,9 +145,10 @@ def test_a_student_of_the_pick_task(monkeypatch, capfd, tmp_path, pick_teacher):
     student, teacher = load_policy(run_dir), load_policy(pick_teacher)
     assert student.encoders["depth"].latent == 10
     assert student.encoders["depth"].cfg.kernels == (5, 3, 3) and student.encoders["depth"].cfg.reads_flat
-    # proprio, hand and object_start; then object_at_start as object.
-    assert torch.equal(student.obs_normalizer._mean, teacher.obs_normalizer._mean)
-    assert student.encoders["depth"].shortcut.weight[:, -10:].diagonal().min() > 0.9
+    # proprio, hand and object_start; then object_at_start as object, and hand_in_image.
+    assert torch.equal(student.obs_normalizer._mean[:, :51], teacher.obs_normalizer._mean)
+    assert student.encoders["depth"].shortcut.weight[:, 41:51].diagonal().min() > 0.9
+    assert student.encoders["depth"].cfg.hand_window == 24
     run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
     assert "Continuing with other settings" not in capfd.readouterr().out
     assert json.loads((run_dir / "summary.json").read_text())["iterations"] == 3
@@ -158,6 +159,7 @@ def test_a_student_starts_from_a_policy(monkeypatch, capfd, tmp_path, pick_teach
     monkeypatch.chdir(tmp_path)
     options = [f"teacher={pick_teacher}", *TINY[1:], "device=cpu", "max_iterations=1"]
     options += ["runner.further_groups=[]", "runner.depth_encoder.shortcut=false"]
+    options.append("runner.depth_encoder.hand_window=0")
     slow = ["runner.algorithm.learning_rate=1e-9", "runner.algorithm.min_learning_rate=1e-9"]
     slow.append("runner.algorithm.freeze_iterations=0")
     run_main(monkeypatch, *options, "run_dir=first", "runner.depth_encoder.reads_flat=false")

@@ -41,13 +41,18 @@ def test_images_are_scaled_for_picking_in_that_stage_alone(make_fetch_env):
     env = make_fetch_env(cfg, seed=3)
     enter(env, PICK, 1)
     enter(env, CARRY, 2)
-    images = env.get_observations()["depth"].cpu().numpy()
+    obs = env.get_observations()
+    images = obs["depth"].cpu().numpy()
     metres = env.depth.pipeline.filter.depth.numpy().reshape(NUM_WORLDS, -1)
     assert (metres == 0).any(), "holes are far"
     for world in range(NUM_WORLDS):
         near, far = (0.5, 1.5) if world == 1 else (0.2, 4.0)
         scaled = np.where(metres[world] > 0, np.clip((metres[world] - near) / (far - near), 0, 1), 1)
         np.testing.assert_allclose(images[world], 255 * scaled, atol=0.51)
+    located = env.depth.locate(env.observations._pick.grasp_centre, (0.0, 1.0))
+    torch.testing.assert_close(
+        obs["hand_in_image"][:, 2], located[:, 2] - 0.5, msg="always in picking's range"
+    )
 
 
 def test_the_whole_fetch_has_a_limit(make_fetch_env):
