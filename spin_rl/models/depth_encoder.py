@@ -13,7 +13,8 @@ from torch.nn import functional
 from spin_rl.config import from_mapping
 from spin_rl.models.pointnet import token_mlp
 
-_HAND_KERNEL, _HAND_STRIDE = 3, 2
+_HAND_CHANNELS, _HAND_KERNEL, _HAND_STRIDE = (16, 32), 3, 2
+"""Of the convolutions that read a window around the hand."""
 _HAND_SCALE = 10.0
 """Of depths from the hand's, in a window: a tenth of the image's range is 1 and cut off."""
 
@@ -33,8 +34,7 @@ class DepthEncoderConfig:
         shortcut: A linear layer adds the flat groups to the latent: what they tell already, the image only
             has to correct.
         hand_window: Rows and columns of a window around the hand that further convolutions read, 0 for none.
-            There a pixel's place tells where it is from the hand, however head and arm are turned.
-        hand_channels: Output channels of these convolutions, of kernel 3 and stride 2.
+            There a pixel's place is its offset from the hand in the camera's axes, wherever the hand is.
     """
 
     image: tuple[int, int] = (87, 58)
@@ -45,14 +45,13 @@ class DepthEncoderConfig:
     reads_flat: bool = False
     shortcut: bool = False
     hand_window: int = 0
-    hand_channels: tuple[int, ...] = (16, 32)
 
     def __post_init__(self) -> None:
         """Reject layers that do not fit each other or the image."""
         if not len(self.channels) == len(self.kernels) == len(self.strides) > 0:
             raise ValueError("depth_encoder.channels, kernels and strides must have the same length.")
-        sizes = (*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden, *self.hand_channels)
-        if min(sizes) < 1 or self.hand_window < 0:
+        sizes = (*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden)
+        if min(*sizes, 1) < 1 or self.hand_window < 0:
             raise ValueError("depth_encoder: sizes must be positive.")
         if self.hand_window and self.hand_map_side < 1:
             raise ValueError(f"depth_encoder.hand_window: nothing is left of {self.hand_window} pixels.")
@@ -71,7 +70,7 @@ class DepthEncoderConfig:
     def hand_map_side(self) -> int:
         """Rows and columns that the further convolutions leave of the window."""
         side = self.hand_window
-        for _ in self.hand_channels:
+        for _ in _HAND_CHANNELS:
             side = (side - _HAND_KERNEL) // _HAND_STRIDE + 1
         return side
 
@@ -84,7 +83,7 @@ class DepthEncoderConfig:
     @property
     def num_hand_features(self) -> int:
         """Numbers that the further convolutions leave of the window around the hand."""
-        return self.hand_channels[-1] * self.hand_map_side**2 if self.hand_window else 0
+        return _HAND_CHANNELS[-1] * self.hand_map_side**2 if self.hand_window else 0
 
     @property
     def num_pixels(self) -> int:
@@ -107,10 +106,9 @@ class DepthEncoder(nn.Module):
         self.cfg = cfg
         self.latent = latent
         self.convolutions = _convolutions(cfg.channels, cfg.kernels, cfg.strides)
-        number = len(cfg.hand_channels) if cfg.hand_window else 0
-        self.hand_convolutions = _convolutions(
-            cfg.hand_channels[:number], (_HAND_KERNEL,) * number, (_HAND_STRIDE,) * number
-        )
+        channels = _HAND_CHANNELS if cfg.hand_window else ()
+        number = len(channels)
+        self.hand_convolutions = _convolutions(channels, (_HAND_KERNEL,) * number, (_HAND_STRIDE,) * number)
         num_inputs = cfg.num_features + cfg.num_hand_features + (num_flat if cfg.reads_flat else 0)
         self.mlp = token_mlp(num_inputs, cfg.hidden, latent, "relu")
         self.shortcut = nn.Linear(num_flat, latent) if cfg.shortcut else None

@@ -11,7 +11,7 @@ OBJECT_SHAPE = "object_shape"
 OBJECT_GROUPS = (OBJECT, OBJECT_SHAPE)
 """Groups that tell of the object what the camera sees; the first columns are those of `OBJECT`."""
 OBJECT_AT_START = "object_at_start"
-"""The same as if it was seen and had not moved since the start: o_i in the columns of `OBJECT`."""
+"""`OBJECT` as if it was seen and had not moved since the start: o_i in its columns."""
 HAND_IN_IMAGE = "hand_in_image"
 """Where the hand is in the depth image, a flat group: from -1 to 1 to the right and down, and its depth."""
 

@@ -18,7 +18,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.groups import PRIVILEGED, is_encoded, is_seen, replaceable_group
+from spin_rl.models.groups import HAND_IN_IMAGE, PRIVILEGED, is_encoded, is_seen, replaceable_group
 from spin_rl.runners.algorithm import MAX_LOST_UPDATES
 from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.dvo import action_error
@@ -292,6 +292,10 @@ def student_config(
     except ValueError as error:
         raise ValueError(f"teacher: {error}") from None
     _check_further(further_groups, groups)
+    if depth_encoder.get("hand_window") and HAND_IN_IMAGE not in further_groups:
+        raise ValueError(
+            f"runner.depth_encoder.hand_window: needs {HAND_IN_IMAGE}, of the pick task, in runner.further_groups"
+        )
     latent = {} if is_encoded(seen) else {"scandot_latent": teacher["obs_dims"][seen]}
     return {
         "actor": dict(teacher["actor"]) | latent | {"depth_encoder": dict(depth_encoder)},

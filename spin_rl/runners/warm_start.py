@@ -32,7 +32,7 @@ def warm_start(
     source never moved starts at action zero, and its pose without effect. Inputs are matched by group:
     `scandots_all` of the source becomes `scandots` where the new actor reads only these, and the other way
     round; where it reads `depth` instead, the latent of a new encoder takes the place of the source's, or of
-    its `object`; and `object_shape` that of `object`.
+    its `object` or `object_shape`; `object_shape` takes the place of `object`, and a latent may be wider.
     Camera actions keep their configured standard deviation, the others take the source's.
 
     Args:
@@ -92,17 +92,17 @@ def copy_model(
     Raises:
         ValueError: What of the source has no place in the target.
     """
-    scandots = _match_seen(target, source)
+    seen = _match_seen(target, source)
     _check(target, source)
     dropped = unlearned.columns_of(source)
-    inputs, notes = _match_inputs(target, source, scandots, set(dropped))
+    inputs, notes = _match_inputs(target, source, seen, set(dropped))
     flat = _restrict(inputs, target.obs_dim)
 
     if target.obs_normalization:
         _copy_normalizer(target.obs_normalizer, source.obs_normalizer, flat)
     elif dropped:
         raise ValueError("it does not normalize, so the effect of its camera's pose cannot be taken out")
-    for own, other in scandots.items():
+    for own, other in seen.items():
         if own not in target.encoders:
             continue
         if is_depth(own) == is_depth(other):
@@ -162,14 +162,14 @@ def _can_stand_for(own: str, other: str) -> bool:
 
 
 def _match_inputs(
-    target: ScandotModel, source: ScandotModel, scandots: dict[str, str], dropped: set[int]
+    target: ScandotModel, source: ScandotModel, seen: dict[str, str], dropped: set[int]
 ) -> tuple[Columns, list[str]]:
     """Pair the columns of what `encode` returns, and describe them."""
     own, other = target.blocks, source.blocks
     columns: Columns = ([], [])
     notes = []
     for name, block in own.items():
-        origin = scandots.get(name, name)
+        origin = seen.get(name, name)
         if origin not in other:
             notes.append(f"new {name}")
             continue
@@ -182,7 +182,7 @@ def _match_inputs(
         notes.append(name if origin == name else f"{origin} as {name}")
         if len(kept) < size:
             notes[-1] += f" ({len(kept)} of {size} columns)"
-    missing = set(other) - {scandots.get(name, name) for name in own}
+    missing = set(other) - {seen.get(name, name) for name in own}
     if missing:
         raise ValueError(f"it reads {_names(missing)}, which the new one does not")
     return columns, notes
@@ -313,10 +313,6 @@ def _reads_inputs(model: ScandotModel) -> bool:
 def _copy_columns(target: torch.Tensor, source: torch.Tensor, columns: Columns) -> None:
     target.zero_()
     target[:, columns[0]] = source[:, columns[1]].to(target.device)
-
-
-def _with_rows_of_zeros(tensor: torch.Tensor, number: int) -> torch.Tensor:
-    return torch.cat((tensor, tensor.new_zeros(number, *tensor.shape[1:])))
 
 
 def _restrict(columns: Columns, size: int) -> Columns:

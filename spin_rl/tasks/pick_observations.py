@@ -10,7 +10,7 @@
                                   [-1, 1]; all 0 while the camera does not see it
     object_shape  (num_envs, 16)  object, and its half extents along its axes as a symmetric matrix in the
                                   gripper's axes, upper triangle [0.1 m]; all 0 while it is not seen
-    object_at_start  (num_envs, 10)  the same of an object that is seen and where it was at the start: o_i
+    object_at_start  (num_envs, 10)  object as if it was seen and where it was at the start: o_i
                                   in the gripper's axes by the robot's own kinematics, for students
     privileged    (num_envs, 40)  for the critic, see PRIVILEGED
     depth         (num_envs, rows * cols)  image, uint8, see `DepthImages.observe`; if enabled

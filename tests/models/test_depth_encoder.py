@@ -141,10 +141,10 @@ def test_the_window_is_cut_around_the_hand_with_depths_from_it():
 def test_window_features_move_with_the_hand():
     """What lies around the hand is the same wherever both are in the image; the rest of it is not."""
     torch.manual_seed(2)
-    cfg = DepthEncoderConfig(**SMALL, hand_window=3, hand_channels=(2,))
+    cfg = DepthEncoderConfig(**SMALL, hand_window=7)
     encoder = DepthEncoder(cfg, 4)
-    assert encoder.mlp[0].in_features == cfg.num_features + 2
-    image = torch.zeros(1, 9, 6, dtype=torch.uint8)
+    assert encoder.mlp[0].in_features == cfg.num_features + 32
+    image = torch.zeros(1, 9, 6, dtype=torch.uint8)  # beyond its edges all is as near as there
     image[:, 2:5, 1:4] = torch.randint(80, 100, (1, 3, 3), dtype=torch.uint8)
     moved = image.roll((2, 1), (1, 2))
     hands = at_pixel(3, 2, 0.35), at_pixel(5, 3, 0.35)

@@ -31,7 +31,7 @@ class PerfectEncoder(torch.nn.Module):
         self.teacher = teacher
         self.latent = None
 
-    def forward(self, images, flat=None):
+    def forward(self, images, flat=None, hand=None):
         return self.latent
 
 
@@ -215,6 +215,7 @@ def test_teachers_that_cannot_be_distilled_are_named(teacher):
         (["goal", "goal"], "goal is read already"),
         (["proprio"], "proprio is read already"),
         (["object"], "object tells what a student has to see for itself"),
+        (["object_shape"], "object_shape tells what"),
         (["scandots"], "scandots is read already"),
         (["scandots_all"], "scandots_all tells what"),
         (["privileged"], "privileged tells what"),
@@ -227,6 +228,10 @@ def test_further_groups_are_new_and_no_secrets(further, message):
     with pytest.raises(ValueError, match=rf"^runner\.further_groups: {message}"):
         student_config(teacher, {}, further)
     assert student_config(teacher, {}, ["goal"])["obs_groups"]["actor"] == ["proprio", "depth", "goal"]
+    with pytest.raises(
+        ValueError, match=r"^runner\.depth_encoder\.hand_window: needs hand_in_image in runner"
+    ):
+        student_config(teacher, {"hand_window": 9}, ["goal"])
 
 
 def test_a_feed_forward_teacher_has_a_feed_forward_student():

@@ -34,7 +34,7 @@ class Normalized(torch.nn.Module):
         self.mean, self.std = normalizer._mean[:, columns], normalizer._std[:, columns] + normalizer.eps
         self.object = None
 
-    def forward(self, images, flat=None):
+    def forward(self, images, flat=None, hand=None):
         return (self.object - self.mean) / self.std
 
 
