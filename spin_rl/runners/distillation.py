@@ -294,7 +294,7 @@ def student_config(
     _check_further(further_groups, groups)
     if depth_encoder.get("hand_window") and HAND_IN_IMAGE not in further_groups:
         raise ValueError(
-            f"runner.depth_encoder.hand_window: needs {HAND_IN_IMAGE}, of the pick task, in runner.further_groups"
+            f"runner.depth_encoder.hand_window: needs {HAND_IN_IMAGE}, of picking, in runner.further_groups"
         )
     latent = {} if is_encoded(seen) else {"scandot_latent": teacher["obs_dims"][seen]}
     return {

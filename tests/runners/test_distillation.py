@@ -228,9 +228,7 @@ def test_further_groups_are_new_and_no_secrets(further, message):
     with pytest.raises(ValueError, match=rf"^runner\.further_groups: {message}"):
         student_config(teacher, {}, further)
     assert student_config(teacher, {}, ["goal"])["obs_groups"]["actor"] == ["proprio", "depth", "goal"]
-    with pytest.raises(
-        ValueError, match=r"^runner\.depth_encoder\.hand_window: needs hand_in_image in runner"
-    ):
+    with pytest.raises(ValueError, match=r"^runner\.depth_encoder\.hand_window: needs hand_in_image"):
         student_config(teacher, {"hand_window": 9}, ["goal"])
 
 
