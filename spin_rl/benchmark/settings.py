@@ -11,7 +11,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError
-from spin_rl.models.groups import OBJECT_GROUPS
+from spin_rl.models.groups import OBJECT
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.config import TaskConfig
 
@@ -49,7 +49,7 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
         sections.append("depth.filter")
     for section in sections:
         keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
-    if set(OBJECT_GROUPS).intersection(OmegaConf.select(source, "runner.obs_groups.actor") or ()):
+    if OBJECT in (OmegaConf.select(source, "runner.obs_groups.actor") or ()):
         keys.append("task.detector")
     for key in keys:
         value = OmegaConf.select(source, key)

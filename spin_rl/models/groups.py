@@ -6,10 +6,6 @@ from collections.abc import Collection
 
 OBJECT = "object"
 """Where the object is while the camera sees it, a flat group (SPIN, F(o_t, x_t))."""
-OBJECT_SHAPE = "object_shape"
-"""The columns of `OBJECT`, then how large the object is and how it lies; beyond the paper."""
-OBJECT_GROUPS = (OBJECT, OBJECT_SHAPE)
-"""Groups that tell of the object what the camera sees; the first columns are those of `OBJECT`."""
 OBJECT_AT_START = "object_at_start"
 """`OBJECT` as if it was seen and had not moved since the start: o_i in its columns."""
 HAND_IN_IMAGE = "hand_in_image"
@@ -31,7 +27,7 @@ def is_encoded(group: str) -> bool:
 
 def is_seen(group: str) -> bool:
     """Tell whether a group holds what the camera sees, as an image or in place of one."""
-    return is_encoded(group) or group in OBJECT_GROUPS
+    return is_encoded(group) or group == OBJECT
 
 
 def replaceable_group(groups: Collection[str]) -> str:
@@ -44,6 +40,6 @@ def replaceable_group(groups: Collection[str]) -> str:
     if len(seen) != 1 or is_depth(seen[0]):
         raise ValueError(
             f"it reads {', '.join(groups)}; a teacher reads one group of what the camera sees, scandots or "
-            f"{' or '.join(OBJECT_GROUPS)}, and no images."
+            f"{OBJECT}, and no images."
         )
     return seen[0]

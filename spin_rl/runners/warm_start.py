@@ -13,7 +13,7 @@ from torch import nn
 
 from spin_rl.models import ScandotModel
 from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
-from spin_rl.models.groups import OBJECT_AT_START, OBJECT_GROUPS, is_depth, is_encoded, is_seen
+from spin_rl.models.groups import OBJECT, OBJECT_AT_START, is_depth, is_encoded, is_seen
 from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.interface import Camera
@@ -32,7 +32,7 @@ def warm_start(
     source never moved starts at action zero, and its pose without effect. Inputs are matched by group:
     `scandots_all` of the source becomes `scandots` where the new actor reads only these, and the other way
     round; where it reads `depth` instead, the latent of a new encoder takes the place of the source's, or of
-    its `object` or `object_shape`; `object_shape` takes the place of `object`, and a latent may be wider.
+    its `object`.
     Camera actions keep their configured standard deviation, the others take the source's.
 
     Args:
@@ -103,8 +103,6 @@ def copy_model(
     elif dropped:
         raise ValueError("it does not normalize, so the effect of its camera's pose cannot be taken out")
     for own, other in seen.items():
-        if own not in target.encoders:
-            continue
         if is_depth(own) == is_depth(other):
             _copy_encoder(target.encoders[own], source.encoders[other], flat)
         else:
@@ -140,25 +138,15 @@ def copy_model(
 
 
 def _match_seen(target: ScandotModel, source: ScandotModel) -> dict[str, str]:
-    """Pair the groups of what the camera sees, encoded or flat, of the target with those of the source."""
-    own, other = ({name for name in model.blocks if is_seen(name)} for model in (target, source))
+    """Pair the encoded groups of the target with those of the source, or with a flat one that it sees."""
+    own, other = set(target.encoders), {name for name in source.blocks if is_seen(name)}
     pairs = {name: name for name in own & other}
     left = sorted(other - set(target.blocks))
     free = sorted(own - other)
-    if left and not (len(left) == len(free) == 1 and _can_stand_for(free[0], left[0])):
+    fits = len(left) == len(free) == 1 and (is_encoded(left[0]) or is_depth(free[0]))
+    if left and not fits:
         raise ValueError(f"it reads {left[0]}, which has no counterpart among {_names(own)}")
     return pairs | dict(zip(free, left, strict=False))
-
-
-def _can_stand_for(own: str, other: str) -> bool:
-    """Tell whether a group can take another's place.
-
-    Images can take that of all that is seen, scandots that of images and of other scandots, and what is told
-    of an object only that of the same told otherwise.
-    """
-    if is_depth(own) or is_depth(other):
-        return is_encoded(own)
-    return (own in OBJECT_GROUPS) == (other in OBJECT_GROUPS)
 
 
 def _match_inputs(
@@ -197,12 +185,8 @@ def _copy_encoder(target: nn.Module, source: nn.Module, flat: Columns) -> None:
 
 
 def _depth_state(target: DepthEncoder, source: DepthEncoder, flat: Columns) -> dict[str, torch.Tensor]:
-    """The source's weights in the target's shapes; further numbers of a wider latent start at zero."""
+    """The source's weights in the target's shapes; what it does not read has no effect."""
     state = dict(source.state_dict())
-    last = f"mlp.{len(source.mlp) - 1}."
-    for name in [name for name in state if name.startswith((last, "shortcut."))]:
-        further = target.latent - source.latent
-        state[name] = torch.cat((state[name], state[name].new_zeros(further, *state[name].shape[1:])))
     own, other = (
         _read_columns(encoder, side, source) for encoder, side in zip((target, source), flat, strict=True)
     )
@@ -237,13 +221,12 @@ def _begin_with_guess(target: ScandotModel, source: ScandotModel, own: str, othe
         What it begins with, for the description; empty if there is no such guess.
     """
     encoder = target.encoders[own]
-    if other not in OBJECT_GROUPS or OBJECT_AT_START not in target.flat_dims:
+    if other != OBJECT or OBJECT_AT_START not in target.flat_dims:
         return ""
     if not isinstance(encoder, DepthEncoder) or encoder.shortcut is None:
         return ""
-    block = target.blocks[OBJECT_AT_START]
-    guess = [*range(block.start, block.stop)]
-    told = [source.blocks[other].start + column for column in range(len(guess))]
+    blocks = target.blocks[OBJECT_AT_START], source.blocks[OBJECT]
+    guess, told = ([*range(block.start, block.stop)] for block in blocks)
     if target.obs_normalization:
         _copy_normalizer(target.obs_normalizer, source.obs_normalizer, (guess, told))
     encoder.shortcut.weight.zero_()
@@ -270,15 +253,15 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         if read(target) != read(source):
             raise ValueError(f"its {name}: {read(source)}, the new one's: {read(target)}")
     for own, other in _match_seen(target, source).items():
-        if own not in target.encoders or is_depth(own) != is_depth(other):
+        if is_depth(own) != is_depth(other):
             continue
         encoders = target.encoders[own], source.encoders[other]
         layers: list[Any]
-        if is_depth(own):  # the new one may read more than the image, and its latent be wider
+        if is_depth(own):  # the new one may read more than the image
             layers = [(encoder.cfg, f"latent {encoder.latent}") for encoder in encoders]
             fits = (
                 _without_additions(layers[0][0]) == _without_additions(layers[1][0])
-                and encoders[0].latent >= encoders[1].latent  # type: ignore
+                and layers[0][1] == layers[1][1]
                 and layers[0][0].reads_flat >= layers[1][0].reads_flat
                 and layers[0][0].shortcut >= layers[1][0].shortcut
                 and layers[1][0].hand_window in (0, layers[0][0].hand_window)

@@ -1,7 +1,7 @@
 """Observation groups of the fetch task: those of navigation and of picking, each policy reads its own.
 
 proprio, goal, scandots, scandots_all, depth   see `observations.py`
-hand, object_start, object, object_shape, object_at_start, privileged  see `pick_observations.py`
+hand, object_start, object, object_at_start, privileged  see `pick_observations.py`
 hand_in_image  likewise, in the pick policy's range of depths
 stage  (num_envs, 1)  index into `fetch_state.STAGES`
 

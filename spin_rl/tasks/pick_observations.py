@@ -8,8 +8,6 @@
     object        (num_envs, 10)  F(o_t): 1, where the object is now in the base frame [m], and from the grasp
                                   centre in the gripper's axes, in units of 0.2 m and of 0.05 m, clipped to
                                   [-1, 1]; all 0 while the camera does not see it
-    object_shape  (num_envs, 16)  object, and its half extents along its axes as a symmetric matrix in the
-                                  gripper's axes, upper triangle [0.1 m]; all 0 while it is not seen
     object_at_start  (num_envs, 10)  object as if it was seen and where it was at the start: o_i
                                   in the gripper's axes by the robot's own kinematics, for students
     privileged    (num_envs, 40)  for the critic, see PRIVILEGED
@@ -33,7 +31,7 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.depth import DepthImages
 from spin_rl.tasks.proprioception import Proprioception, ProprioNoise, joints, rotate
 
-PICK_GROUPS = ("proprio", "hand", "object_start", "object", "object_shape", "object_at_start", "privileged")
+PICK_GROUPS = ("proprio", "hand", "object_start", "object", "object_at_start", "privileged")
 PICK_OPTIONAL_GROUPS = ("depth", "hand_in_image")
 NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
 FORCE_N = 15.0
@@ -117,14 +115,12 @@ class PickObservations(Proprioception):
         grip = self._views.target - joints(self._views.qpos)
         start = self._object.start_pose[:, :3] + self._start_errors()
         start = self.perturbed(start, self._noise.object_m)
-        told = self._told(self.perturbed(self._at, self._noise.object_m), gripper)
-        seen = self._seen[:, None]
         groups = {
             "proprio": self.proprio(),
             "hand": torch.cat((self._axes_in_base(gripper), grip[:, self._finger : self._finger + 1]), -1),
             "object_start": self._in_base(start),
-            "object": told * seen,
-            "object_shape": torch.cat((told, self._shape(gripper)), -1) * seen,
+            "object": self._told(self.perturbed(self._at, self._noise.object_m), gripper)
+            * self._seen[:, None],
             "object_at_start": self._told(start, gripper),
             "privileged": self._privileged(gripper, grip),
         }
@@ -168,18 +164,6 @@ class PickObservations(Proprioception):
             ),
             -1,
         )
-
-    def _shape(self, gripper: torch.Tensor) -> torch.Tensor:
-        """Return size and attitude of the object, shape (num_envs, 6).
-
-        The sum of half extent times axis times the axis transposed: the same for attitudes in which the
-        object looks the same, of a box turned by half a turn or of a cylinder by any angle.
-        """
-        x_axis, z_axis = _axes(self._object.quat)
-        axes = torch.stack((x_axis, torch.linalg.cross(z_axis, x_axis), z_axis), 1)  # rows, in the world
-        axes = axes @ gripper
-        matrix = axes.transpose(1, 2) @ (10.0 * self._object.half_extents[:, :, None] * axes)
-        return torch.stack([matrix[:, i, j] for i in range(3) for j in range(i, 3)], -1)
 
     def _offset(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
         """Turn world points (num_envs, 3) into the gripper's frame."""

@@ -56,7 +56,6 @@ def test_a_detector_is_of_policies_that_are_told_where_the_object_is():
     seen = {"task": {"detector": "segmentation"}}
     for groups, asked, detector in (
         (["proprio", "object"], ["task=pick"], "segmentation"),
-        (["proprio", "object_shape"], ["task=pick"], "segmentation"),
         (["proprio", "depth"], ["task=pick"], "none"),
         (["proprio", "object"], ["task=pick", "task.detector=none"], "none"),
     ):

@@ -215,7 +215,6 @@ def test_teachers_that_cannot_be_distilled_are_named(teacher):
         (["goal", "goal"], "goal is read already"),
         (["proprio"], "proprio is read already"),
         (["object"], "object tells what a student has to see for itself"),
-        (["object_shape"], "object_shape tells what"),
         (["scandots"], "scandots is read already"),
         (["scandots_all"], "scandots_all tells what"),
         (["privileged"], "privileged tells what"),

@@ -221,43 +221,33 @@ def test_an_encoder_that_cannot_act_as_its_source_is_named(encoder):
 
 
 def make_object_obs():
-    """Depth images, and what is told of an object: 4 columns, with its shape 7."""
+    """Depth images, and what is told of an object, 4 columns."""
     obs = make_depth_obs()
     generator = torch.Generator().manual_seed(5)
     for name in ("object", "object_at_start"):
         obs[name] = 1.0 + 2.0 * torch.randn(STEPS, ENVS, 4, generator=generator)
-    obs["object_shape"] = torch.cat((obs["object"], torch.randn(STEPS, ENVS, 3, generator=generator)), -1)
     return obs
 
 
-def test_the_shape_of_an_object_does_not_count_until_it_is_learned():
+def test_scandots_are_not_told_of_an_object():
     obs = make_object_obs()
-    model = trained(make_model("recurrent", [*FLAT, "object"], 1, obs, skip=True), obs)
-    new = make_model("recurrent", ["object_shape", *FLAT], 2, obs, skip=True)
-    notes = copy_model(new, model, Camera())
-    assert "object as object_shape (4 of 7 columns)" in notes
-    torch.testing.assert_close(act(new, obs), act(model, obs), atol=1e-5, rtol=1e-5)
-    for source, target in ((["object_shape"], ["object"]), (ALL, ["object_shape"]), (["object"], ALL)):
-        model = make_model("recurrent", [*FLAT, *source], 1, obs, skip=True)
-        with pytest.raises(ValueError, match=rf"its {source[0]} has|it reads {source[0]}, which has no"):
-            copy_model(make_model("recurrent", [*FLAT, *target], 2, obs, skip=True), model, Camera())
+    model = make_model("recurrent", [*FLAT, "object"], 1, obs, skip=True)
+    with pytest.raises(ValueError, match="it reads object, which has no counterpart"):
+        copy_model(make_model("recurrent", FLAT + ALL, 2, obs, skip=True), model, Camera())
 
 
-@pytest.mark.parametrize(("told_group", "latent"), [("object", 4), ("object_shape", 7)])
-def test_an_image_of_an_object_begins_with_where_it_was_at_the_start(told_group, latent):
+def test_an_image_of_an_object_begins_with_where_it_was_at_the_start():
     """A student acts as a teacher that is told so, and learns from images from the first step on."""
     obs = make_object_obs()
     generator = torch.Generator().manual_seed(6)
-    teacher = trained(make_model("recurrent", [*FLAT, told_group], 1, obs, skip=True), obs)
+    teacher = trained(make_model("recurrent", [*FLAT, "object"], 1, obs, skip=True), obs)
     layers = IMAGES | {"reads_flat": True, "shortcut": True}
     groups = [*FLAT, "depth", "object_at_start"]
-    settings = {"skip": True, "depth_encoder": layers, "scandot_latent": latent}
+    settings = {"skip": True, "depth_encoder": layers, "scandot_latent": 4}
     student = trained(make_model("recurrent", groups, 2, obs, **settings), obs)
     copy_model(student, teacher, Camera())
     told = obs.clone()
-    columns = teacher.blocks[told_group]
-    told[told_group] = teacher.obs_normalizer._mean[:, columns].expand(STEPS, ENVS, latent).clone()
-    told[told_group][..., :4] = obs["object_at_start"]  # of its shape, what is usual
+    told["object"] = obs["object_at_start"]
     torch.testing.assert_close(act(student, obs), act(teacher, told), atol=1e-5, rtol=1e-5)
     assert not torch.allclose(act(student, obs), act(teacher, obs), atol=1e-2)
     student.encode(obs).square().mean().backward()
@@ -269,13 +259,6 @@ def test_an_image_of_an_object_begins_with_where_it_was_at_the_start(told_group,
             parameter.add_(0.1 * torch.randn(parameter.shape, generator=generator))
     copy_model(other, student, Camera())
     torch.testing.assert_close(act(other, obs), act(student, obs), atol=1e-5, rtol=1e-5)
-
-    wider = make_model("recurrent", groups, 4, obs, **settings | {"scandot_latent": latent + 3})
-    copy_model(wider, student, Camera())
-    torch.testing.assert_close(act(wider, obs), act(student, obs), atol=1e-5, rtol=1e-5)
-    assert (wider.encode(obs)[..., -3:] == 0.0).all()
-    with pytest.raises(ValueError, match=f"latent {latent + 3}.*the new one's is .*latent {latent}"):
-        copy_model(student, wider, Camera())
 
 
 def test_a_shortcut_starts_without_effect_where_the_source_has_none():

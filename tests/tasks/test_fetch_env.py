@@ -52,7 +52,7 @@ def test_starts_in_reach_with_the_groups_of_both_policies(env):
     slots = env.sim.layout.pool.num_slots
     widths = {
         "proprio": 31, "goal": 3, "scandots": 32 * slots, "scandots_all": 32 * slots, "hand": 7,
-        "object_start": 3, "object": 10, "object_shape": 16, "object_at_start": 10,
+        "object_start": 3, "object": 10, "object_at_start": 10,
         "privileged": 40, "stage": 1,
     }  # fmt: skip
     assert {name: value.shape[1] for name, value in obs.items()} == widths
