@@ -107,6 +107,23 @@ def test_speed_scale_and_lag_of_a_world_are_its_own(device):
     assert speed[2] == pytest.approx(fastest * (1 - math.exp(-2.0 / 0.6)), rel=1e-3)
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_joints_move_at_their_top_speed_times_the_worlds_scale(way, device):
+    """From the middle of their ranges to one end: all are still under way after 0.1 s."""
+    scales = np.array([1.0, 0.5, 0.8], np.float32)
+    middle = 0.5 * (np.array(robot.JOINT_LOWER) + np.array(robot.JOINT_UPPER))
+    sim = simulate([scene_with(joints=middle)] * 3, device)
+    sim.dynamics.speed_scale.assign(scales)
+    graph = StepGraph(sim.advance, device)
+    restart(sim)
+    sim.views.action[:, :2] = 0.0
+    sim.views.action[:, 2:] = way
+    graph.replay()
+    top = SHARE * np.array(robot.SPEED_PROFILES["paper"].joint_velocity_max)[SOURCE]
+    speeds = sim.views.qvel[:, 3:].cpu().numpy()
+    np.testing.assert_allclose(speeds / (way * top), scales[:, None].repeat(len(top), 1), rtol=5e-3)
+
+
 def test_actions_beyond_the_range_are_those_at_its_ends(device):
     sim = simulate([scene_with()] * 2, device)
     sim.views.action[0], sim.views.action[1] = 1.0, 7.0

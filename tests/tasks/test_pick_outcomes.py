@@ -15,9 +15,9 @@ GRASP = (8.0, 8.0)
 
 @dataclass
 class Left:
-    """What a step leaves behind in one world."""
+    """What a step leaves behind in every world, or, with a tensor of heights, in each."""
 
-    height: float = 0.0
+    height: float | torch.Tensor = 0.0
     fingers: tuple[float, float] = (0.0, 0.0)
     hard: float = 0.0
     support: bool = False
@@ -85,6 +85,14 @@ def test_outcome(env, left, wanted, ending):
     ended_by_time = wanted in (episode.TIMEOUT, episode.SUCCESS) and left.length == 69
     by_success = env.cfg.end_on_success and left.held == 9
     assert env._step_views.time_out[0] == (ended_by_time and not by_success)
+
+
+def test_an_object_is_dropped_when_its_centre_is_below_the_tables_top(env):
+    """Each world's object has its own half height, at which its centre stands above the table."""
+    half_height = env.sim.object.views.half_extents[:, 2]
+    for depth, wanted in ((-0.005, episode.RUNNING), (0.005, int(DROPPED))):
+        end(env, Left(height=-half_height - env.cfg.fall_m - depth))
+        assert env.outcome.tolist() == [wanted] * 2
 
 
 def test_holding_counts_steps_in_a_row(env):
