@@ -10,7 +10,7 @@ TRAIN_MINUTES ?= 5
 # Expanded once, so that the video shows what was trained; `make train RUN=runs/first` names another folder.
 RUN := runs/train-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: setup train test lint format type bench clean
+.PHONY: setup train test mutants lint format type bench clean
 
 setup: $(STAMP)
 
@@ -33,6 +33,10 @@ endif
 
 test: setup
 	$(BIN)/python -m pytest $(ARGS)
+
+# Whether the tests notice what breaks; some minutes.
+mutants: setup
+	OMP_NUM_THREADS=1 $(BIN)/python tests/mutants/run.py $(ARGS)
 
 lint: setup
 	$(BIN)/ruff check .
