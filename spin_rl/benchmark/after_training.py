@@ -6,8 +6,10 @@ import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from spin_rl.benchmark import benchmarks, policies, report, settings
-from spin_rl.tasks.build import any_config
+from spin_rl.benchmark import policies, settings
+from spin_rl.benchmark import registry as benchmarks
+from spin_rl.benchmark.tables import reach as report
+from spin_rl.tasks.registry import any_config
 
 
 def evaluate_run(

@@ -16,12 +16,12 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from spin_rl.benchmark import throughput
-from spin_rl.benchmark.timing import Stopwatch
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import write_atomically
-from spin_rl.tasks.build import env_config, plain, with_depth
+from spin_rl.speed import rows as throughput
+from spin_rl.speed.timing import Stopwatch
+from spin_rl.tasks.registry import env_config, plain, with_depth
 
 SUBJECTS = ("visibility", "depth", "env", "update", "train")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
@@ -66,8 +66,22 @@ def bench(cfg: DictConfig) -> None:
 
 
 def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> list[throughput.Row]:
-    from spin_rl.benchmark import depth_speed, env_speed, train_speed, update_speed, visibility_speed
-    from spin_rl.tasks.nav import NavEnv
+    from spin_rl.speed import (
+        depth as depth_speed,
+    )
+    from spin_rl.speed import (
+        env as env_speed,
+    )
+    from spin_rl.speed import (
+        scandots as visibility_speed,
+    )
+    from spin_rl.speed import (
+        train as train_speed,
+    )
+    from spin_rl.speed import (
+        update as update_speed,
+    )
+    from spin_rl.tasks.nav.env import NavEnv
 
     task, seed, seconds = env_config(values), values["seed"], values["seconds"]
     synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None

@@ -7,11 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spin_rl.benchmark.benchmarks import BENCHMARKS
-from spin_rl.benchmark.throughput import hardware
+from spin_rl.benchmark.registry import BENCHMARKS
 from spin_rl.paths import POLICY_DIR
 from spin_rl.runners.checkpoint import write_atomically
 from spin_rl.runners.policy_file import save_policy
+from spin_rl.speed.rows import hardware
 
 
 def main() -> None:

@@ -7,11 +7,12 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.sim.targets import make_increments
-from spin_rl.tasks import fetch_stages, fetch_state
-from spin_rl.tasks.fetch import _rules
-from spin_rl.tasks.fetch_config import FetchConfig
-from spin_rl.tasks.fetch_results import FetchEpisodes, read_record
-from spin_rl.tasks.pick_episode import Forces
+from spin_rl.tasks.fetch import stages as fetch_stages
+from spin_rl.tasks.fetch import state as fetch_state
+from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.env import _rules
+from spin_rl.tasks.fetch.results import FetchEpisodes, read_record
+from spin_rl.tasks.pick.episode import Forces
 
 REACH, ALIGN, PICK, RETRACT, CARRY, PLACE = range(len(fetch_state.STAGES))
 TABLE = (2.0, 1.0, 0.3)
