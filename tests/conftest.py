@@ -3,8 +3,8 @@
 import pytest
 import warp as wp
 
-from spin_rl.tasks.config import NavConfig
-from spin_rl.tasks.nav import NavEnv
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.env import NavEnv
 
 NUM_WORLDS = 8
 

@@ -11,8 +11,8 @@ from omegaconf import OmegaConf
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.sim import SimConfig
-from spin_rl.tasks.build import env_config, plain
-from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.registry import env_config, plain
 
 
 @cache

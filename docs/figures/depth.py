@@ -16,7 +16,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.sensors.depth import DepthCamera
+from spin_rl.sensors.depth.camera import DepthCamera
 
 MAX_RANGE_M = 5.0
 # Title, mount, joints.

@@ -20,7 +20,7 @@ from spin_rl.config import from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.scene_file import parse_scene
-from spin_rl.sensors.depth_pipeline import DepthConfig, DepthPipeline
+from spin_rl.sensors.depth.pipeline import DepthConfig, DepthPipeline
 
 ROWS, COLS = 87, 58
 FRAMES = 5

@@ -16,8 +16,8 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.detection.segmentation import SegmentationDetector
-from spin_rl.scenes.objects import KINDS, OBJECT_BODY, add_native_object
-from spin_rl.sensors.depth import DepthCamera
+from spin_rl.scenes.objects.shapes import KINDS, OBJECT_BODY, add_native_object
+from spin_rl.sensors.depth.camera import DepthCamera
 
 PLACES = 300
 CAMERA_HEIGHT_M = 1.3

@@ -19,10 +19,10 @@ import warp as wp
 
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import open_policy
-from spin_rl.tasks.build import pick_config
-from spin_rl.tasks.episode import SUCCESS, TIMEOUT
-from spin_rl.tasks.pick import PickEnv
-from spin_rl.tasks.pick_observations import NEAR_PER_M, PRIVILEGED
+from spin_rl.tasks.common.episode import SUCCESS, TIMEOUT
+from spin_rl.tasks.pick.env import PickEnv
+from spin_rl.tasks.pick.observations import NEAR_PER_M, PRIVILEGED
+from spin_rl.tasks.registry import pick_config
 
 WORLDS = 100
 SEED = 500

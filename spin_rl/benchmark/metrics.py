@@ -10,7 +10,8 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.tasks import episode, pick_episode
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.pick import episode as pick_episode
 
 # Two-sided 95% quantile of the standard normal distribution.
 _Z95 = 1.959963984540054

@@ -12,10 +12,10 @@ import torch
 from spin_rl.benchmark.metrics import Episodes, PickEpisodes, summarize_picks
 from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_rounds, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
-from spin_rl.scenes.objects import OBJECTS
-from spin_rl.tasks.object_choice import ANY_OBJECT, object_names
-from spin_rl.tasks.pick import PickEnv
-from spin_rl.tasks.pick_config import PickConfig
+from spin_rl.scenes.objects.shapes import OBJECTS
+from spin_rl.tasks.common.object_choice import ANY_OBJECT, object_names
+from spin_rl.tasks.pick.config import PickConfig
+from spin_rl.tasks.pick.env import PickEnv
 
 
 def evaluate_pick(

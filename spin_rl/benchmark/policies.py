@@ -13,7 +13,7 @@ from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.policy import PolicyFactory
 from spin_rl.runners import policy_file
-from spin_rl.tasks.fetch_policy import FetchPolicy
+from spin_rl.tasks.fetch.policy import FetchPolicy
 
 UNTRAINED = ("zero", "random")
 PICKERS = {False: "pick-teacher", True: "pick-depth"}

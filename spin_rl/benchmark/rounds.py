@@ -13,11 +13,11 @@ import numpy as np
 import torch
 
 from spin_rl.benchmark.metrics import Episodes
-from spin_rl.benchmark.throughput import commit
 from spin_rl.config import ConfigError
+from spin_rl.machine import commit
 from spin_rl.policy import Policy, PolicyFactory
-from spin_rl.tasks.base import TaskEnv
-from spin_rl.tasks.config import TaskConfig
+from spin_rl.tasks.common.config import TaskConfig
+from spin_rl.tasks.common.env import TaskEnv
 
 # Worlds in one batch: a CPU core has no use for more, and a GPU is full.
 _MAX_WORLDS = {"cpu": 600, "cuda": 16384}

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from spin_rl.config import ConfigError
 from spin_rl.models.groups import OBJECT
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.config import TaskConfig
+from spin_rl.tasks.common.config import TaskConfig
 
 # What of a training the benchmark that follows it takes over: its scenes and its camera's noise.
 _CONDITIONS = ("scene", "depth")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -16,12 +15,13 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from spin_rl.benchmark import throughput
-from spin_rl.benchmark.timing import Stopwatch
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
-from spin_rl.runners.checkpoint import write_atomically
-from spin_rl.tasks.build import env_config, plain, with_depth
+from spin_rl.files import write_json
+from spin_rl.machine import num_cores
+from spin_rl.speed import rows as throughput
+from spin_rl.speed.timing import Stopwatch
+from spin_rl.tasks.registry import env_config, plain, with_depth
 
 SUBJECTS = ("visibility", "depth", "env", "update", "train")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
@@ -60,14 +60,27 @@ def bench(cfg: DictConfig) -> None:
     if out is None:
         print(f"Wrote nothing, out=<file.json> keeps the figures: {headline}")
         return
-    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
-    write_atomically(out, lambda file: file.write(text.encode()))
+    write_json(out, result)
     print(f"Wrote {out}: {len(rows)} rows, {headline}")
 
 
 def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> list[throughput.Row]:
-    from spin_rl.benchmark import depth_speed, env_speed, train_speed, update_speed, visibility_speed
-    from spin_rl.tasks.nav import NavEnv
+    from spin_rl.speed import (
+        depth as depth_speed,
+    )
+    from spin_rl.speed import (
+        env as env_speed,
+    )
+    from spin_rl.speed import (
+        scandots as visibility_speed,
+    )
+    from spin_rl.speed import (
+        train as train_speed,
+    )
+    from spin_rl.speed import (
+        update as update_speed,
+    )
+    from spin_rl.tasks.nav.env import NavEnv
 
     task, seed, seconds = env_config(values), values["seed"], values["seconds"]
     synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None
@@ -158,7 +171,7 @@ def _require_count(key: str, value: Any) -> None:
 
 def _load() -> float | None:
     """Processes that wanted a core in the last minute, per core; None where the system does not tell."""
-    return os.getloadavg()[0] / throughput.num_cores() if hasattr(os, "getloadavg") else None
+    return os.getloadavg()[0] / num_cores() if hasattr(os, "getloadavg") else None
 
 
 def _warn_if_busy() -> None:

@@ -17,18 +17,18 @@ from omegaconf import DictConfig
 from spin_rl.benchmark import settings
 from spin_rl.cli import common, run_folder, task_choice
 from spin_rl.config import ConfigError
-from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.checkpoint import resolve_checkpoint
-from spin_rl.runners.distill import DistillRunner, check_distillation
-from spin_rl.runners.distillation import student_config
+from spin_rl.runners.distillation.algorithm import student_config
+from spin_rl.runners.distillation.runner import DistillRunner, check_distillation
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import load_policy
+from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.warm_start import copy_model
-from spin_rl.tasks import build
-from spin_rl.tasks.base import TaskEnv
-from spin_rl.tasks.build import any_config, observation_groups, plain, with_depth
-from spin_rl.tasks.config import NavConfig
-from spin_rl.tasks.pick_config import PickConfig
+from spin_rl.tasks import registry as build
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.common.env import TaskEnv
+from spin_rl.tasks.pick.config import PickConfig
+from spin_rl.tasks.registry import any_config, observation_groups, plain, with_depth
 
 MODES = ("sync", "async")
 

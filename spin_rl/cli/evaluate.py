@@ -12,11 +12,12 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from spin_rl.benchmark import benchmarks
+from spin_rl.benchmark import registry as benchmarks
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import check_task, with_task
 from spin_rl.config import ConfigError
-from spin_rl.tasks.build import any_config, plain
+from spin_rl.files import write_json
+from spin_rl.tasks.registry import any_config, plain
 
 ANALYSES = ("camera", "failures")
 # The analysis of the camera runs the benchmark a dozen times.
@@ -36,7 +37,9 @@ def evaluate(cfg: DictConfig) -> None:
     values = plain(cfg)
     overridden = HydraConfig.get().overrides.task
     out = _check(values)
-    from spin_rl.benchmark import camera_report, failures_report, policies, report, settings
+    from spin_rl.analysis.camera import report as camera_report
+    from spin_rl.analysis.failures import report as failures_report
+    from spin_rl.benchmark import policies, settings
 
     benchmark = benchmarks.BENCHMARKS[values["benchmark"]]
     if benchmark.task == "fetch":
@@ -62,7 +65,7 @@ def evaluate(cfg: DictConfig) -> None:
     if out is None:
         print(f"Wrote nothing, out=<file.json> keeps the numbers: {headline}")
     else:
-        report.write_json(result, out)
+        write_json(out, result)
         print(f"Wrote {out}: {headline}")
     if values["plot"] is not None:
         assert not isinstance(writer, benchmarks.Benchmark)  # checked: only an analysis draws
@@ -91,7 +94,9 @@ def _measure(
 def _analyse_camera(
     values: dict[str, Any], make_policy: Any, task: Any, overridden: Sequence[str]
 ) -> dict[str, Any]:
-    from spin_rl.benchmark import camera, camera_variants, reach
+    from spin_rl.analysis.camera import analysis as camera
+    from spin_rl.analysis.camera import variants as camera_variants
+    from spin_rl.benchmark import reach
 
     given = {override.partition("=")[0] for override in overridden}
     values = values | {key: value for key, value in _ANALYSIS_COUNTS.items() if key not in given}
@@ -114,7 +119,7 @@ def _analyse_camera(
 def _analyse_failures(
     values: dict[str, Any], make_policy: Any, task: Any, overridden: Sequence[str]
 ) -> dict[str, Any]:
-    from spin_rl.benchmark import failures
+    from spin_rl.analysis.failures import analysis as failures
 
     return failures.analyse_failures(
         make_policy,

@@ -16,8 +16,8 @@ from spin_rl.cli.task_choice import check_task, trained_task, with_task
 from spin_rl.config import ConfigError
 from spin_rl.paths import POLICY_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
-from spin_rl.tasks.build import any_config, make_env, plain
-from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.registry import any_config, make_env, plain
 
 VIEWERS = ("viser", "native", "none")
 # To find a world's corridor, all before it are drawn as well.
@@ -85,7 +85,7 @@ def play(cfg: DictConfig) -> None:
 
         native.show(players.open(options.policy, worlds=1))
     elif options.viewer == "viser":
-        from spin_rl.viewer.browser import Browser
+        from spin_rl.viewer.browser.view import Browser
 
         task = values["task"]["name"]
         names = _shipped("nav" if task == "fetch" else task)
@@ -196,7 +196,7 @@ class Players:
         """Start the worlds of a task; corridors may be a scene file's, or one of the benchmark's."""
         from spin_rl.benchmark.reach import Cell, in_usual_pool
         from spin_rl.benchmark.replay import benchmark_scene
-        from spin_rl.tasks.nav import NavEnv
+        from spin_rl.tasks.nav.env import NavEnv
 
         options = self._options
         if not isinstance(task, NavConfig):

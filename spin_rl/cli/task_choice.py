@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from spin_rl.benchmark.benchmarks import BENCHMARKS
 from spin_rl.benchmark.policies import open_policy
+from spin_rl.benchmark.registry import BENCHMARKS
 from spin_rl.config import ConfigError
 
 _DEFAULT = "nav"

@@ -14,11 +14,11 @@ from spin_rl.cli.task_choice import UNTRAINABLE
 from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.config import check_config
-from spin_rl.runners.dvo import check_teacher
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import read_policy
+from spin_rl.runners.ppo.dvo import check_teacher
 from spin_rl.runners.warm_start import warm_start
-from spin_rl.tasks.build import any_config, make_env, observation_groups, plain, with_depth
+from spin_rl.tasks.registry import any_config, make_env, observation_groups, plain, with_depth
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def train(cfg: DictConfig) -> None:
     Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also
     the result's benchmark. Bad settings are found before anything is written or compiled.
     """
-    from spin_rl.runners.ppo import PPORunner
+    from spin_rl.runners.ppo.runner import PPORunner
 
     values = with_depth(plain(cfg))
     task = any_config(values)

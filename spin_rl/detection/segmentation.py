@@ -8,8 +8,8 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from spin_rl.sensors.depth import DepthCamera
-from spin_rl.warp_kernels.depth_targets import deproject_pixels, find_targets
+from spin_rl.sensors.depth.camera import DepthCamera
+from spin_rl.warp_kernels.depth.targets import deproject_pixels, find_targets
 
 CENTRE_OFFSET_M = {"banana": 0.019, "mug": 0.030, "can": 0.029, "brick": 0.020, "bottle": 0.043}
 """How far behind what is seen of it an object's centre is, along the line of sight; see docs/detection.md."""

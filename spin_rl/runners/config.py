@@ -13,7 +13,7 @@ from tensordict import TensorDict
 
 from spin_rl.config import from_mapping
 from spin_rl.models import DepthEncoderConfig, ScandotModel
-from spin_rl.runners.algorithm import PPO, SCHEDULES
+from spin_rl.runners.ppo.algorithm import PPO, SCHEDULES
 
 KEYS = {"class_name", "seed", "num_steps_per_env", "save_interval", "save_minutes", "obs_groups", "algorithm"}
 """Settings of every runner, beside a section for each of its models."""

@@ -14,10 +14,10 @@ from torch import nn
 from spin_rl.models import ScandotModel
 from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
 from spin_rl.models.groups import OBJECT, OBJECT_AT_START, is_depth, is_encoded, is_seen
-from spin_rl.runners.algorithm import PPO
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import build_model, find_policy, load_policy, read_policy
+from spin_rl.runners.ppo.algorithm import PPO
 
 Columns = tuple[list[int], list[int]]
 """Columns of the target and, in the same order, those of the source that they are copied from."""

@@ -10,7 +10,7 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.scenes.objects import SceneObject, add_native_object
+from spin_rl.scenes.objects.shapes import SceneObject, add_native_object
 
 PARKED_Z_M = -50.0
 """Height of the geoms of inactive slots, far below everything that could touch them."""

@@ -9,8 +9,8 @@ same bits with and without it.
 
 import warp as wp
 
+from spin_rl.scenes.corridors.params import HIDDEN_DEPTH_M, GeneratorParams
 from spin_rl.scenes.layout import Layout
-from spin_rl.scenes.params import HIDDEN_DEPTH_M, GeneratorParams
 
 _DEPTH = wp.constant(HIDDEN_DEPTH_M)
 _PATROL_START = wp.constant(1.0)

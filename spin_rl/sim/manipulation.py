@@ -11,8 +11,8 @@ import torch
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.object_model import ObjectIds, ObjectModel, ObjectStart, write_objects
-from spin_rl.scenes.objects import OBJECT_BODY, OBJECTS, SceneObject
+from spin_rl.scenes.objects.model import ObjectIds, ObjectModel, ObjectStart, write_objects
+from spin_rl.scenes.objects.shapes import OBJECT_BODY, OBJECTS, SceneObject
 from spin_rl.sim.object_start import place_objects
 from spin_rl.sim.targets import IncrementConfig, make_increments
 from spin_rl.warp_kernels import grasp

@@ -13,8 +13,8 @@ from spin_rl import robot
 from spin_rl.scenes.builder import add_pool, write_geoms
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.motion import move_slots, restart_motion
-from spin_rl.scenes.object_model import MODEL_FIELDS
-from spin_rl.scenes.objects import add_object
+from spin_rl.scenes.objects.model import MODEL_FIELDS
+from spin_rl.scenes.objects.shapes import add_object
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.config import SimConfig
 from spin_rl.sim.manipulation import GraspForces, Manipulation, ManipulationConfig, ObjectState

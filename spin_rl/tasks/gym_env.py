@@ -13,10 +13,10 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from spin_rl.tasks import episode
-from spin_rl.tasks.build import default_config
-from spin_rl.tasks.config import NavConfig
-from spin_rl.tasks.nav import NavEnv
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.env import NavEnv
+from spin_rl.tasks.registry import default_config
 
 ENV_ID = "spin_rl/Nav-v0"
 

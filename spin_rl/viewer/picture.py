@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from spin_rl.tasks.fetch_state import STAGES
+from spin_rl.tasks.fetch.state import STAGES
 from spin_rl.viewer import style
 from spin_rl.viewer.camera import DRIVE_VIEW, GRASP_VIEW, TABLE_VIEW, FollowCamera, View
 from spin_rl.viewer.labels import cell_label, progress_label

@@ -10,11 +10,11 @@ import torch
 
 from spin_rl import robot
 from spin_rl.policy import Policy
-from spin_rl.scenes.objects import SceneObject
-from spin_rl.tasks.fetch import FetchEnv
-from spin_rl.tasks.fetch_state import STAGES
-from spin_rl.tasks.nav import NavEnv
-from spin_rl.tasks.pick import PickEnv
+from spin_rl.scenes.objects.shapes import SceneObject
+from spin_rl.tasks.fetch.env import FetchEnv
+from spin_rl.tasks.fetch.state import STAGES
+from spin_rl.tasks.nav.env import NavEnv
+from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.viewer.snapshot import OUTCOMES, Scandots, Snapshot, Target
 
 PlayedEnv = NavEnv | PickEnv | FetchEnv

@@ -8,8 +8,8 @@ import numpy as np
 
 from spin_rl import robot
 from spin_rl.scenes.layout import Scene
-from spin_rl.scenes.objects import SceneObject
-from spin_rl.tasks.pick_episode import PICK_OUTCOMES
+from spin_rl.scenes.objects.shapes import SceneObject
+from spin_rl.tasks.pick.episode import PICK_OUTCOMES
 
 OUTCOMES = PICK_OUTCOMES
 """Names of the outcomes of all tasks; navigation has all but the last."""

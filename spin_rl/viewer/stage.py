@@ -11,7 +11,7 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.scenes.builder import PARKED_Z_M, SCENE_GROUP, add_pool, native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.scenes.objects import OBJECT_GEOMS, SceneObject, add_object
+from spin_rl.scenes.objects.shapes import OBJECT_GEOMS, SceneObject, add_object
 from spin_rl.viewer import style
 from spin_rl.viewer.rollout import Player
 from spin_rl.viewer.snapshot import Snapshot

@@ -3,9 +3,10 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from spin_rl.benchmark import after_training, benchmarks, policies
+from spin_rl.benchmark import after_training, policies
+from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.reach import REACH_CELLS
-from spin_rl.tasks.build import default_config
+from spin_rl.tasks.registry import default_config
 
 
 def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, device):

@@ -11,8 +11,9 @@ from spin_rl.benchmark.metrics import (
     summarize_picks,
     wilson_interval,
 )
-from spin_rl.benchmark.paper import REACH
-from spin_rl.tasks import episode, pick_episode
+from spin_rl.benchmark.tables.paper import REACH
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.pick import episode as pick_episode
 
 
 @pytest.mark.parametrize(

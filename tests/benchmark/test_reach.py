@@ -9,8 +9,8 @@ from spin_rl.benchmark import policies, reach, rounds
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.scene_file import load_scene
-from spin_rl.tasks import episode
-from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.config import NavConfig
 
 BASE, ARM = robot.PARTS.index("base"), robot.PARTS.index("arm")
 

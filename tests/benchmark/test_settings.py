@@ -8,8 +8,8 @@ from hydra.core.global_hydra import GlobalHydra
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.build import env_config, fetch_config, pick_config
-from spin_rl.tasks.pick_config import PickConfig
+from spin_rl.tasks.pick.config import PickConfig
+from spin_rl.tasks.registry import env_config, fetch_config, pick_config
 
 TRAINED = {
     "robot": {"profile": "re1"},

@@ -19,8 +19,8 @@ from spin_rl.cli import distill, run_folder
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR, POLICY_DIR
 from spin_rl.runners import load_policy, policy_file, read_policy
-from spin_rl.tasks.build import any_config, env_config
-from spin_rl.tasks.pick_config import PickConfig
+from spin_rl.tasks.pick.config import PickConfig
+from spin_rl.tasks.registry import any_config, env_config
 
 TEACHER = f"teacher={POLICY_DIR / 'nav-cvo.safetensors'}"
 TINY = [TEACHER, "num_envs=4", "runner.num_steps_per_env=4", "runner.algorithm.freeze_iterations=1"]
@@ -52,7 +52,7 @@ def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_pa
     def too_late(*_, **__):
         raise AssertionError("worlds were made")
 
-    monkeypatch.setattr(spin_rl.tasks.nav, "NavEnv", too_late)
+    monkeypatch.setattr(spin_rl.tasks.nav.env, "NavEnv", too_late)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as stopped:
         run_main(monkeypatch, *arguments)

@@ -14,7 +14,7 @@ import spin_rl.tasks.nav
 from spin_rl.cli import common, train
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.build import env_config, with_depth
+from spin_rl.tasks.registry import env_config, with_depth
 
 
 def run_main(monkeypatch, *arguments):
@@ -41,7 +41,7 @@ def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_pa
     def too_late(*_, **__):
         raise AssertionError("worlds were made")
 
-    monkeypatch.setattr(spin_rl.tasks.nav, "NavEnv", too_late)
+    monkeypatch.setattr(spin_rl.tasks.nav.env, "NavEnv", too_late)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
     with pytest.raises(SystemExit) as stopped:

@@ -15,7 +15,7 @@ from spin_rl.detection.deproject import (
     robust_depth,
 )
 from spin_rl.detection.interface import Detection, best_of
-from spin_rl.sensors.robot_depth import upright
+from spin_rl.sensors.depth.robot import upright
 
 MOUNTS = ("portrait", "landscape")
 SHAPES = {"portrait": (87, 58), "landscape": (58, 87)}

@@ -11,7 +11,7 @@ from spin_rl.detection.interface import Detection
 from spin_rl.detection.segmentation import SegmentationDetector
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.sensors.depth import DepthCamera
+from spin_rl.sensors.depth.camera import DepthCamera
 from spin_rl.sim import SimConfig, Simulation
 
 POOL = PoolSpec()

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 from distill_worlds import DepthEnv, make_student_config
 
-from spin_rl.runners.async_distill import AsyncDistillRunner, RemoteEnv
+from spin_rl.runners.remote.runner import AsyncDistillRunner, RemoteEnv
 
 
 def make_env(

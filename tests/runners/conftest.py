@@ -15,7 +15,7 @@ def processes():
             "rsl_rl.runners",
             "safetensors.torch",
             "spin_rl.runners",
-            "spin_rl.runners.async_distill",
+            "spin_rl.runners.remote.runner",
         ]
     )
     return context

@@ -7,8 +7,8 @@ from fake_env import NUM_ACTIONS, FakeEnv, make_config
 
 from spin_rl.models import ScandotRecurrentModel
 from spin_rl.runners import read_policy
-from spin_rl.runners.distillation import Distillation, student_config
-from spin_rl.runners.sequences import Sequences
+from spin_rl.runners.distillation.algorithm import Distillation, student_config
+from spin_rl.runners.distillation.sequences import Sequences
 
 IMAGE = (8, 16)
 ENCODER = {"image": list(IMAGE), "channels": [6], "kernels": [3], "strides": [2], "hidden": [32]}
@@ -37,7 +37,7 @@ def make_student_config(teacher, **algorithm) -> dict:
         "save_interval": 100,
         **student_config(read_policy(teacher)[1], ENCODER),
         "algorithm": {
-            "class_name": "spin_rl.runners.distillation:Distillation",
+            "class_name": "spin_rl.runners.distillation.algorithm:Distillation",
             "teacher": str(teacher),
             "num_mini_batches": 2,
             "freeze_iterations": 3,

@@ -14,9 +14,9 @@ from fake_env import make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from spin_rl.runners import PPORunner, load_checkpoint, load_policy, save_policy
-from spin_rl.runners.async_distill import AsyncDistillRunner, CollectorError, RemoteEnv
-from spin_rl.runners.distill import DistillRunner
-from spin_rl.runners.sequences import mean_actions
+from spin_rl.runners.distillation.runner import DistillRunner
+from spin_rl.runners.distillation.sequences import mean_actions
+from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
 
 DEADLINE_S = 60.0
 

@@ -10,8 +10,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from spin_rl.models import PerActionGaussian
 from spin_rl.runners import PPORunner, load_policy, save_policy
-from spin_rl.runners.dvo import Teacher, check_teacher
 from spin_rl.runners.interface import Camera
+from spin_rl.runners.ppo.dvo import Teacher, check_teacher
 from spin_rl.runners.warm_start import warm_start
 
 ROBOT = [0, 1]
@@ -64,7 +64,7 @@ def phase_1a():
 
 def phase_1b(teacher, **algorithm):
     cfg = make_config(**algorithm)
-    cfg["algorithm"] |= {"class_name": "spin_rl.runners.dvo:ImitationPPO", "teacher": str(teacher)}
+    cfg["algorithm"] |= {"class_name": "spin_rl.runners.ppo.dvo:ImitationPPO", "teacher": str(teacher)}
     cfg["obs_groups"]["critic"] = ["proprio", "goal", "scandots", "scandots_all"]
     return cfg
 

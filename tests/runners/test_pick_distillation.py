@@ -7,7 +7,7 @@ from fake_env import make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from spin_rl.runners import PPORunner, load_policy, save_policy
-from spin_rl.runners.distill import DistillRunner
+from spin_rl.runners.distillation.runner import DistillRunner
 
 
 def make_teacher(folder, groups):

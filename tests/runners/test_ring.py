@@ -4,8 +4,8 @@ import pytest
 import torch
 from distill_worlds import make_models
 
-from spin_rl.runners.collector import SharedWeights
-from spin_rl.runners.ring import Ring, RingConfig
+from spin_rl.runners.remote.collector import SharedWeights
+from spin_rl.runners.remote.ring import Ring, RingConfig
 
 
 def test_new_blocks_come_first_and_all_are_used_alike():

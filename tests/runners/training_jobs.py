@@ -11,7 +11,7 @@ from distill_worlds import DepthEnv, make_student_config
 from fake_env import FakeEnv, make_config
 
 from spin_rl.runners import PPORunner
-from spin_rl.runners.distill import DistillRunner
+from spin_rl.runners.distillation.runner import DistillRunner
 
 
 def train_with_a_save_each_iteration(run_dir: Path) -> None:

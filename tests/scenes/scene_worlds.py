@@ -3,9 +3,9 @@
 import numpy as np
 import warp as wp
 
-from spin_rl.scenes.generator import generate_layouts
+from spin_rl.scenes.corridors.generator import generate_layouts
+from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.scenes.params import GeneratorParams
 
 PARAMS = GeneratorParams()
 

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from scene_worlds import PARAMS, corners, distractors, generate, inputs, legs, obstacles, values
 
-from spin_rl.scenes.generator import generate_layouts
+from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.scenes.motion import move_slots, restart_motion
 

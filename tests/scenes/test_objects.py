@@ -9,8 +9,8 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.scenes.object_model import MODEL_FIELDS, ObjectIds, ObjectModel, write_objects
-from spin_rl.scenes.objects import KINDS, OBJECT_GEOMS, OBJECTS, SceneObject, add_object
+from spin_rl.scenes.objects.model import MODEL_FIELDS, ObjectIds, ObjectModel, write_objects
+from spin_rl.scenes.objects.shapes import KINDS, OBJECT_GEOMS, OBJECTS, SceneObject, add_object
 
 FACTORS = (0.9, 1.0, 1.15, 0.95, 1.1)
 

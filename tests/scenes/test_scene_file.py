@@ -10,8 +10,8 @@ import yaml
 from spin_rl import robot
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.planning.lattice import find_path
 from spin_rl.scenes.motion import restart_motion
-from spin_rl.scenes.planner import find_path
 from spin_rl.scenes.scene_file import layout_from_scene, load_scene, scene_pool
 
 EXAMPLES = sorted((CONF_DIR / "scenes_examples").glob("*.yaml"))

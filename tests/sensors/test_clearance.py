@@ -13,7 +13,7 @@ from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.sensors.clearance import Clearance, robot_shapes
 from spin_rl.sim import SimConfig, Simulation
-from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.common.config import NavConfig
 
 NUM_WORLDS = 40
 
@@ -173,7 +173,7 @@ def test_nothing_is_measured_without_the_term(make_nav_env):
 
 
 def test_reward_variants_change_one_scale_each():
-    from spin_rl.tasks.build import default_config
+    from spin_rl.tasks.registry import default_config
 
     shaped = default_config().reward
     for name, scale in (("careful", {"collision": -20.0}), ("smooth", {"action_rate": -0.01})):

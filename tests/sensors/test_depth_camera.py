@@ -8,7 +8,7 @@ import warp as wp
 from depth_scenes import GOLDEN, POOL, POSES, SITE, native, native_depth, scene
 
 from spin_rl import robot
-from spin_rl.sensors.depth import DepthCamera, visible_geoms
+from spin_rl.sensors.depth.camera import DepthCamera, visible_geoms
 from spin_rl.sim import SimConfig, Simulation
 from spin_rl.sim.graph import StepGraph
 

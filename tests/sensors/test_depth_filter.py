@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from scipy import ndimage
 
-from spin_rl.sensors.depth_filter import DepthFilter, DepthFilterConfig
+from spin_rl.sensors.depth.filter import DepthFilter, DepthFilterConfig
 
 ROWS, COLS = 24, 36
 MAX_DEPTH = 10.0

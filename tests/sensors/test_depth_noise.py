@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from spin_rl.sensors.depth_noise import DepthNoise, DepthNoiseConfig
+from spin_rl.sensors.depth.noise import DepthNoise, DepthNoiseConfig
 
 ROWS, COLS = 24, 36
 TAN = (0.5, 0.9)

@@ -9,9 +9,9 @@ import yaml
 
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
-from spin_rl.sensors.depth_filter import DepthFilter
-from spin_rl.sensors.depth_noise import DepthNoise
-from spin_rl.sensors.depth_pipeline import DepthConfig, DepthPipeline
+from spin_rl.sensors.depth.filter import DepthFilter
+from spin_rl.sensors.depth.noise import DepthNoise
+from spin_rl.sensors.depth.pipeline import DepthConfig, DepthPipeline
 
 TAN = (0.949, 0.554)
 

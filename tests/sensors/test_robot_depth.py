@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from spin_rl.sensors.depth_filter import DepthFilter, DepthFilterConfig
-from spin_rl.sensors.robot_depth import RobotDepthFilter, resample_depth
+from spin_rl.sensors.depth.filter import DepthFilter, DepthFilterConfig
+from spin_rl.sensors.depth.robot import RobotDepthFilter, resample_depth
 
 ROWS, COLS = 24, 36
 FILTER = DepthFilterConfig(

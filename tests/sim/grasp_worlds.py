@@ -16,7 +16,7 @@ from spin_rl.config import from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.scenes.objects import KINDS, OBJECTS, SceneObject
+from spin_rl.scenes.objects.shapes import KINDS, OBJECTS, SceneObject
 from spin_rl.sim import SimConfig, Simulation
 from spin_rl.sim.manipulation import ManipulationConfig
 

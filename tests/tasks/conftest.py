@@ -2,10 +2,10 @@
 
 import pytest
 
-from spin_rl.tasks.fetch import FetchEnv
-from spin_rl.tasks.fetch_config import FetchConfig
-from spin_rl.tasks.pick import PickEnv
-from spin_rl.tasks.pick_config import PickConfig
+from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.env import FetchEnv
+from spin_rl.tasks.pick.config import PickConfig
+from spin_rl.tasks.pick.env import PickEnv
 
 NUM_WORLDS = 8
 

@@ -7,8 +7,8 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 
 import spin_rl.tasks.gym_env  # noqa: F401  (registers the environment)
-from spin_rl.tasks import episode
-from spin_rl.tasks.config import NavConfig
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.config import NavConfig
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ from viewer_worlds import POOL, SCENE, fetch_snapshot, pick_snapshot, snapshot
 
 from spin_rl.benchmark.policies import ZeroPolicy
 from spin_rl.config import ConfigError
-from spin_rl.tasks.fetch import FetchEnv
-from spin_rl.tasks.fetch_config import FetchConfig
+from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.env import FetchEnv
 from spin_rl.viewer import style
-from spin_rl.viewer.browser_scene import WorldView
+from spin_rl.viewer.browser.scene import WorldView
 from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M
 from spin_rl.viewer.rollout import Player
 from spin_rl.viewer.stage import Stage
@@ -33,7 +33,7 @@ def server():
 
 @pytest.fixture
 def browser():
-    from spin_rl.viewer.browser import Browser
+    from spin_rl.viewer.browser.view import Browser
 
     with Browser("127.0.0.1", free_port()) as browser:
         yield browser
@@ -122,7 +122,7 @@ def test_panel_runs_resets_and_changes_cells(browser, make_nav_env):
 
 
 def test_statistics_count_outcomes():
-    from spin_rl.viewer.browser import statistics_text
+    from spin_rl.viewer.browser.view import statistics_text
 
     assert "No episode" in statistics_text([])
     ended = [snapshot(time=8.0, outcome="success"), snapshot(time=2.0, outcome="collision")] * 2
@@ -131,7 +131,7 @@ def test_statistics_count_outcomes():
 
 
 def test_a_taken_port_is_an_error_that_names_it():
-    from spin_rl.viewer.browser import Browser
+    from spin_rl.viewer.browser.view import Browser
 
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 from viewer_worlds import fetch_snapshot, pick_snapshot, snapshot
 
-from spin_rl.viewer.browser import status_text
+from spin_rl.viewer.browser.view import status_text
 from spin_rl.viewer.labels import cell_label, progress_label, summary
 
 

@@ -8,7 +8,7 @@ from viewer_worlds import POOL, SCENE, fetch_snapshot, pick_snapshot, snapshot
 from spin_rl import robot
 from spin_rl.scenes import kinds
 from spin_rl.scenes.builder import native_model
-from spin_rl.scenes.objects import OBJECT_GEOMS, OBJECTS
+from spin_rl.scenes.objects.shapes import OBJECT_GEOMS, OBJECTS
 from spin_rl.viewer import style
 from spin_rl.viewer.plan import Plan, footprint
 from spin_rl.viewer.stage import Stage

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from spin_rl.sensors.depth import DepthCamera
+from spin_rl.sensors.depth.camera import DepthCamera
 
 TAN = (0.9, 0.55)
 SHAPE = (87, 58)

@@ -1,0 +1,1 @@
+"""What a policy's camera motion is worth."""

@@ -1,0 +1,249 @@
+"""What a policy's camera motion is worth: the same corridors with its own, a frozen, and a useless camera."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from spin_rl.analysis.camera.variants import Variant, check_pose
+from spin_rl.analysis.hits import Hit, summarize_hits
+from spin_rl.analysis.watch import SETTLING_S, CameraMotion, WatchedPolicy
+from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, summarize
+from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
+from spin_rl.benchmark.rounds import SEED_OFFSET
+from spin_rl.config import ConfigError
+from spin_rl.policy import Policy, PolicyFactory
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.env import NavEnv
+
+_Z95 = 1.959963984540054
+
+
+@dataclass
+class Measured:
+    """What a variant's episodes gave.
+
+    Attributes:
+        variant: The variant.
+        cells: Episodes of every cell, in the same order of corridors for all variants.
+        motion: Statistics of pan and tilt, None where no episode was long enough.
+        hits: All collisions.
+    """
+
+    variant: Variant
+    cells: list[ReachEpisodes]
+    motion: dict[str, CameraMotion] | None
+    hits: list[Hit]
+
+
+def analyse_camera(
+    make_policy: PolicyFactory,
+    cfg: NavConfig,
+    episodes: int,
+    seeds: Sequence[int],
+    device: str,
+    *,
+    held: Sequence[Variant],
+    cells: Sequence[Cell] = REACH_CELLS,
+    policy_name: str = "policy",
+    num_envs: int | None = None,
+    announce: Callable[[str], contextlib.AbstractContextManager[Any]] | None = None,
+    report: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Run a policy with its own camera, with the camera held at its own mean pose, and at given poses.
+
+    Corridors, start poses and goals are the same for all variants, and so are the camera's start pose and the
+    pose that it is held at. All episodes of a seed run at once, since only first episodes can be paired.
+
+    Args:
+        make_policy: Makes the policy once observations exist.
+        cfg: Task configuration; its scenario and difficulty are set per world.
+        episodes: Episodes per cell and seed.
+        seeds: Seeds of corridors, start poses and goals, all different.
+        device: "cpu" or "cuda:N".
+        held: Further variants, all with a pose.
+        cells: Conditions of the benchmark.
+        policy_name: For the result.
+        num_envs: Most worlds at once; must hold all episodes of a seed.
+        announce: Context manager factory around work that may compile kernels.
+        report: Receives lines of progress.
+
+    Returns:
+        `policy`, `benchmark` ("reach"), `analysis` ("camera"), `variants` (see `describe`; first the own
+        camera, then the one frozen at its mean pose), and the settings of the measurement.
+
+    Raises:
+        ConfigError: No episodes, no seeds, the same seed twice, too few worlds, or a pose beyond the limits.
+        ValueError: No episode was long enough to tell the camera's mean pose.
+    """
+    nworld = len(cells) * episodes
+    check_one_batch(episodes, seeds, nworld, num_envs)
+    for variant in held:
+        check_pose(variant)
+    start = time.monotonic()
+    total = 2 + len(held)
+    # One for all variants: a training that goes on may replace the file meanwhile.
+    policy: Policy | None = None
+
+    def measure(number: int, variant: Variant) -> Measured:
+        nonlocal policy
+        task = cfg if variant.pose is None else replace(cfg, camera_pose=variant.pose)
+        starting = f"Variant {number} of {total}, {variant.name}: starting {nworld} worlds on {device}"
+        if announce and number == 1:
+            with announce(starting):
+                env = NavEnv(task, nworld, device)
+        else:
+            report(starting)
+            env = NavEnv(task, nworld, device)
+        if policy is None:
+            policy = make_policy(env.get_observations(), device)
+        return run_variant(policy, env, variant, cells, episodes, seeds, report)
+
+    own = measure(1, Variant("own camera", "own"))
+    measured = [own]
+    for number, variant in enumerate([frozen_at_mean(own), *held], start=2):
+        measured.append(measure(number, variant))
+    return {
+        "policy": policy_name,
+        "benchmark": "reach",
+        "analysis": "camera",
+        "cells": [{"scenario": cell.scenario, "difficulty": cell.difficulty} for cell in cells],
+        "variants": [describe(result, own, cells, cfg.sim.control_period) for result in measured],
+        "seeds": list(seeds),
+        "episodes_per_seed": episodes,
+        "num_envs": nworld,
+        "device": device,
+        "robot": cfg.robot_profile,
+        "camera_mount": cfg.camera_mount,
+        "episode_s": cfg.episode_s,
+        "depth": None if cfg.depth is None else asdict(cfg.depth),
+        "seconds": round(time.monotonic() - start, 2),
+    }
+
+
+def run_variant(
+    policy: Policy,
+    env: NavEnv,
+    variant: Variant,
+    cells: Sequence[Cell],
+    episodes: int,
+    seeds: Sequence[int],
+    report: Callable[[str], None],
+) -> Measured:
+    """Run one variant in an environment with one world per episode of a seed.
+
+    Args:
+        policy: The policy.
+        env: Environment whose camera is as the variant says.
+        variant: The variant.
+        cells: Conditions of the benchmark.
+        episodes: Episodes per cell and seed.
+        seeds: Seeds.
+        report: Receives lines of progress.
+    """
+    watched = WatchedPolicy(policy, env)
+    per_seed = []
+    for seed in seeds:
+        env.reseed(SEED_OFFSET + seed)
+        per_seed.append(
+            run_cells(
+                env, watched, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
+            )
+        )
+    joined = [Episodes.concatenate(list(groups)) for groups in zip(*per_seed, strict=True)]
+    return Measured(variant, joined, watched.camera(), watched.hits)
+
+
+def frozen_at_mean(own: Measured) -> Variant:
+    """The freeze test: the camera held at the mean pose of what was measured with the policy's own.
+
+    Raises:
+        ValueError: No episode was long enough to tell.
+    """
+    if own.motion is None:
+        raise ValueError(f"no episode outlasted {SETTLING_S} s, so the camera has no mean pose")
+    pose = (own.motion["pan"].mean, own.motion["tilt"].mean)
+    return Variant("frozen at own mean", "frozen", pose)
+
+
+def describe(result: Measured, own: Measured, cells: Sequence[Cell], control_period: float) -> dict[str, Any]:
+    """Turn a variant's measurement into the entry of the result.
+
+    Returns:
+        `name`, `kind`, `camera_pose` (None for the policy's own), `rows` as in `reach.evaluate_reach`,
+        `mean_success` over the cells, `difference` (None for the first variant, see `paired_difference`),
+        `camera` (`pan` and `tilt`, see `CameraMotion`, or None) and `hits` (see `summarize_hits`).
+    """
+    rows = [
+        {"scenario": cell.scenario, "difficulty": cell.difficulty} | summarize(group, control_period)
+        for cell, group in zip(cells, result.cells, strict=True)
+    ]
+    pose = result.variant.pose
+    return {
+        "name": result.variant.name,
+        "kind": result.variant.kind,
+        "camera_pose": None if pose is None else list(pose),
+        "rows": rows,
+        "mean_success": sum(row["success_rate"] for row in rows) / len(rows),
+        "difference": None if result is own else paired_difference(own.cells, result.cells),
+        "camera": result.motion and {name: asdict(motion) for name, motion in result.motion.items()},
+        "hits": summarize_hits(result.hits),
+    }
+
+
+def paired_difference(own: Sequence[ReachEpisodes], other: Sequence[ReachEpisodes]) -> dict[str, Any]:
+    """Compare two variants corridor by corridor.
+
+    The interval is that of Bonett and Price (2012) for paired proportions: Wald's with one corridor more won
+    and one more lost, so that it keeps a width where all corridors agree. Cells are pooled; they have equally
+    many episodes, so the difference is that of the means over cells. It covers the choice of corridors, not
+    that of training runs.
+
+    Args:
+        own: Episodes of every cell with the policy's own camera.
+        other: The same corridors in the same order with another camera.
+
+    Returns:
+        `mean` (other minus own), `ci95`, and how many corridors were `won` (success only with the other
+        camera) and `lost` (only with the own).
+    """
+    before, after = (
+        np.concatenate([group.outcome == episode.SUCCESS for group in groups]) for groups in (own, other)
+    )
+    if len(before) != len(after):
+        raise ValueError(f"{len(before)} episodes cannot be paired with {len(after)}")
+    won, lost = int((after & ~before).sum()), int((before & ~after).sum())
+    count = len(before)
+    up, down = (won + 1) / (count + 2), (lost + 1) / (count + 2)
+    half = _Z95 * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
+    ci95 = [max(up - down - half, -1.0), min(up - down + half, 1.0)]
+    return {"mean": (won - lost) / count, "ci95": ci95, "won": won, "lost": lost}
+
+
+def check_one_batch(episodes: int, seeds: Sequence[int], nworld: int, num_envs: int | None) -> None:
+    """Check the counts of an analysis that runs all episodes of a seed at once.
+
+    Args:
+        episodes: Episodes per cell and seed.
+        seeds: Seeds.
+        nworld: Worlds that this takes.
+        num_envs: Most worlds at once, or None.
+
+    Raises:
+        ConfigError: No episodes, no seeds, the same seed twice, or too few worlds.
+    """
+    if episodes < 1:
+        raise ConfigError(f"episodes: at least 1 per cell is needed, got {episodes}")
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise ConfigError(f"seeds: at least one is needed, and each once, got {list(seeds)}")
+    if num_envs is not None and num_envs < nworld:
+        raise ConfigError(
+            f"num_envs: all {nworld} episodes of a seed must run at once; use fewer episodes and more seeds"
+        )

@@ -1,0 +1,1 @@
+"""Why episodes fail: what touched what, when, and whether it had been seen."""

@@ -1,0 +1,1 @@
+"""The benchmarks for people: tables beside the paper's figures, and JSON."""

@@ -1,0 +1,106 @@
+"""How many generated corridors have a way through: one line per benchmark cell.
+
+Run ``python -m spin_rl.planning.solvability --layouts 1000``. Obstacles that move are looked at where they
+reach farthest into the corridor.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+
+import hydra
+import numpy as np
+import warp as wp
+from omegaconf import OmegaConf
+
+from spin_rl.config import from_mapping
+from spin_rl.paths import CONF_DIR
+from spin_rl.planning.lattice import find_path
+from spin_rl.scenes.corridors.generator import generate_layouts
+from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
+from spin_rl.scenes.layout import Layout, PoolSpec, Scene
+
+CELLS = tuple((scenario, i) for scenario in SCENARIOS for i in range(len(DIFFICULTIES)))
+
+
+def generate_scenes(
+    count: int,
+    scenario: int,
+    difficulty: int,
+    *,
+    seed: int = 0,
+    level: float = 1.0,
+    params: GeneratorParams | None = None,
+) -> list[Scene]:
+    """Generate scenes of one benchmark cell on the host.
+
+    Args:
+        count: How many.
+        scenario: 0 either, 1 straight, 2 L-shaped.
+        difficulty: -1 any, 0 easy, 1 medium, 2 hard.
+        seed: Random seed.
+        level: Curriculum level in [0, 1].
+        params: Distribution; the default one if None.
+    """
+    layout = Layout(count, PoolSpec(), "cpu")
+    with wp.ScopedDevice("cpu"):
+        generate_layouts(
+            layout,
+            params or GeneratorParams(),
+            seed=wp.full(1, seed, dtype=wp.int32),
+            counter=wp.zeros(count, dtype=wp.int32),
+            mask=wp.full(count, True, dtype=bool),
+            scenario_choice=wp.full(count, scenario, dtype=wp.int32),
+            difficulty_choice=wp.full(count, difficulty, dtype=wp.int32),
+            level=wp.full(count, level, dtype=float),
+        )
+    return layout.scenes()
+
+
+def scene_params(name: str) -> GeneratorParams:
+    """Read conf/scene/<name>.yaml.
+
+    Raises:
+        ConfigError: It has an unknown key or an impossible value.
+    """
+    with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        values = hydra.compose(f"scene/{name}").scene
+    return from_mapping(GeneratorParams, OmegaConf.to_container(values), "scene")  # type: ignore[arg-type]
+
+
+def is_solvable(scene: Scene) -> bool:
+    """Whether the planner finds a way from start to goal."""
+    return find_path(scene) is not None
+
+
+def main() -> None:
+    """Print the share of solvable layouts for every cell."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--layouts", type=int, default=1000, help="layouts per cell")
+    scenes = sorted(file.stem for file in (CONF_DIR / "scene").glob("*.yaml"))
+    parser.add_argument("--scene", default="nav", choices=scenes, help="distribution in conf/scene")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--level", type=float, default=1.0, help="curriculum level in [0, 1]")
+    parser.add_argument("--processes", type=int, default=1)
+    args = parser.parse_args()
+    if args.layouts < 1 or args.processes < 1 or not 0.0 <= args.level <= 1.0:
+        parser.error("--layouts and --processes must be at least 1, --level in [0, 1]")
+    params = scene_params(args.scene)
+    print("scenario  difficulty  layouts  solvable  share   unsolved (first 10)")
+    with ProcessPoolExecutor(args.processes) as pool:
+        for scenario, difficulty in CELLS:
+            scenes = generate_scenes(
+                args.layouts, scenario, difficulty, seed=args.seed, level=args.level, params=params
+            )
+            solved = np.array(list(pool.map(is_solvable, scenes, chunksize=8)))
+            print(
+                f"{scenario:8d}  {DIFFICULTIES[difficulty]:10s}  {len(solved):7d}  {solved.sum():8d}  "
+                f"{solved.mean():.4f}  {np.flatnonzero(~solved)[:10].tolist()}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,56 @@
+"""The training of phase 2: a student that sees depth learns from a teacher that does not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tensordict import TensorDict
+
+from spin_rl.config import from_mapping
+from spin_rl.runners.config import check_class, check_learning, check_loop
+from spin_rl.runners.distillation.algorithm import SCHEDULES, Distillation
+from spin_rl.runners.loop import TrainingLoop
+from spin_rl.runners.remote.ring import RingConfig
+
+
+class DistillRunner(TrainingLoop):
+    """Distils in one process: collects a rollout, learns from it, and so on.
+
+    The sections of its configuration are `actor`, the student, and `algorithm`, with the `teacher`.
+    """
+
+    alg: Distillation
+    loss = math.nan
+
+    def _check(self, cfg: dict[str, Any], obs: TensorDict, num_envs: int) -> None:
+        check_distillation(cfg, obs, num_envs)
+
+    def _scalars(self, losses: dict[str, float]) -> dict[str, float]:
+        self.loss = losses.get("actions", math.nan)
+        return super()._scalars(losses)
+
+    def _results(self) -> str:
+        return f"loss {self.loss:.4f} | {super()._results()}"
+
+    def _summary(self, *arguments: Any) -> dict[str, Any]:
+        return super()._summary(*arguments) | {"loss": self.loss}
+
+
+def check_distillation(cfg: dict[str, Any], obs: TensorDict, num_envs: int) -> None:
+    """Check the configuration of `DistillRunner`; see `check_config`.
+
+    Raises:
+        ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
+    """
+    check_loop(cfg, obs, ("actor",), ("asynchronous",))
+    algorithm = cfg["algorithm"]
+    given = ("student", "sequences", "camera_actions", "device", "multi_gpu_cfg")
+    check_class(algorithm, Distillation, "algorithm", given)
+    if not isinstance(algorithm.get("teacher"), str):
+        raise ValueError(f"teacher: expected the name or path of a policy, got {algorithm.get('teacher')!r}.")
+    check_learning(algorithm, SCHEDULES, num_envs)
+    from_mapping(RingConfig, cfg.get("asynchronous") or {}, "asynchronous")
+    freeze = algorithm.get("freeze_iterations", 0)
+    if type(freeze) is not int or freeze < 0:
+        raise ValueError(f"algorithm.freeze_iterations must be a whole number from 0 on, not {freeze!r}.")

@@ -1,0 +1,1 @@
+"""Phase 1: PPO on sequences, and decoupled optimization (DVO)."""

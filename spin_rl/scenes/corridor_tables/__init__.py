@@ -1,0 +1,1 @@
+"""Corridors with a table at their end, for whole fetches."""

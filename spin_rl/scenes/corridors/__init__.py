@@ -1,0 +1,1 @@
+"""Straight and L-shaped corridors with clutter, generated on the device (SPIN, Training environments)."""

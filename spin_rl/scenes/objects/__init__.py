@@ -1,0 +1,1 @@
+"""The five objects to pick up: shapes, mass and friction."""

@@ -1,0 +1,1 @@
+"""Tables with an object to pick up, generated on the device."""

@@ -1,0 +1,1 @@
+"""The depth camera: exact images, noise, filter, and the filter on the robot."""

@@ -1,0 +1,1 @@
+"""Throughput of sensors, environment and training, beside peers measured in the same run."""

@@ -1,0 +1,164 @@
+"""What defines a task: one dataclass per group of settings, with the defaults of the code."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from spin_rl import robot
+from spin_rl.scenes.corridors.generator import GeneratorParams
+from spin_rl.sensors.depth.pipeline import DepthConfig
+from spin_rl.sim import SimConfig
+from spin_rl.tasks.common import rewards
+from spin_rl.tasks.nav.observations import NoiseConfig
+
+
+@dataclass(frozen=True)
+class CurriculumConfig:
+    """How the training level of a world moves with its episodes.
+
+    Attributes:
+        enabled: Whether levels move; otherwise every world stays at `start`.
+        start: Level of a new world in [0, 1]; 1 is the benchmark's corridor.
+        up: Step up after a success.
+        down: Step down after a failure.
+    """
+
+    enabled: bool = True
+    start: float = 0.0
+    up: float = 0.1
+    down: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Reject levels and steps outside [0, 1]."""
+        for name in ("start", "up", "down"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"task.curriculum.{name} must be in [0, 1], got {value}")
+
+
+@dataclass(frozen=True)
+class DynamicsConfig:
+    """Ranges of the servo parameters drawn at the start of each episode.
+
+    Attributes:
+        base_lag_s: Time constant of the base velocity [s].
+        joint_lag_s: Time constant of the joints [s].
+        speed_scale: Factor on all speed limits.
+    """
+
+    base_lag_s: tuple[float, float] = (0.1, 0.2)
+    joint_lag_s: tuple[float, float] = (0.08, 0.15)
+    speed_scale: tuple[float, float] = (0.8, 1.0)
+
+    def __post_init__(self) -> None:
+        """Reject ranges that the servos cannot have."""
+        for name in ("base_lag_s", "joint_lag_s", "speed_scale"):
+            low, high = getattr(self, name)
+            if not 0.0 < low <= high < math.inf:
+                raise ValueError(f"task.dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")
+
+
+@dataclass(frozen=True)
+class ScandotsConfig:
+    """What the camera can see of the obstacles' corners.
+
+    Attributes:
+        window_m: Half side of the square local window around the base [m] (paper, Implementation Details:
+            2 m).
+        near_m: Smallest depth that the camera sees [m].
+        occlusion: Whether obstacles hide corners behind them, as they do in a depth image.
+    """
+
+    window_m: float = 2.0
+    near_m: float = 0.1
+    occlusion: bool = True
+
+    def __post_init__(self) -> None:
+        """Reject lengths that are none."""
+        for name in ("window_m", "near_m"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"task.scandots.{name} must be positive, got {value}")
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """What every task has.
+
+    Attributes:
+        robot_profile: Key of `robot.SPEED_PROFILES`.
+        camera_mount: "portrait" (as built) or "landscape" (the paper's text).
+        camera_pose: Head pan and tilt [rad] at which the camera is frozen, whatever the policy asks for
+            (paper, FixCam); None leaves the camera to the policy.
+        episode_s: Time limit of an episode [s].
+        reward: Scale of each reward term.
+        depth: Noise and filter of the depth camera; None renders no images.
+        curriculum: Movement of the training level.
+        dynamics: Randomization of servos.
+        sim: Physics options.
+    """
+
+    robot_profile: str = "paper"
+    camera_mount: str = "portrait"
+    camera_pose: tuple[float, float] | None = None
+    episode_s: float = 30.0
+    reward: dict[str, float] = field(default_factory=dict)
+    depth: DepthConfig | None = None
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    sim: SimConfig = field(default_factory=SimConfig)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        if self.robot_profile not in robot.SPEED_PROFILES:
+            raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
+        if self.camera_mount not in ("portrait", "landscape"):
+            raise ValueError(f"task.camera_mount must be portrait or landscape, got {self.camera_mount!r}")
+        for joint, value in zip(robot.CAMERA_JOINTS, self.camera_pose or (), strict=False):
+            index = robot.JOINTS.index(joint)
+            if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:
+                raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
+        if not self.sim.control_period < self.episode_s < math.inf:
+            raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
+
+
+@dataclass(frozen=True)
+class NavConfig(TaskConfig):
+    """Everything that defines the navigation task.
+
+    Attributes:
+        goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
+        stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
+        scenario: 1 straight, 2 L-shaped, 0 a mix of both.
+        difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
+        clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
+        scene: Parameters of the layout generator.
+        scandots: Visibility options.
+        noise: Sensor noise.
+    """
+
+    goal_tolerance_m: float = 0.15
+    stop_on_collision: bool = True
+    scenario: int = 0
+    difficulty: int = -1
+    clearance_m: float = 0.15
+    reward: dict[str, float] = field(
+        default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
+    )
+    scene: GeneratorParams = field(default_factory=GeneratorParams)
+    scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        super().__post_init__()
+        if not 0.0 < self.goal_tolerance_m < math.inf:
+            raise ValueError(f"task.goal_tolerance_m must be positive, got {self.goal_tolerance_m}")
+        if not 0.0 < self.clearance_m < math.inf:
+            raise ValueError(f"task.clearance_m must be positive, got {self.clearance_m}")
+        if self.scenario not in (0, 1, 2):
+            raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
+        if self.difficulty not in (-1, 0, 1, 2):
+            raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
+        rewards.check_scales(self.reward)

@@ -1,0 +1,108 @@
+"""What went wrong in physics: non-finite worlds with their recent states, and overflows by cause."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from spin_rl.sim.simulation import OVERFLOWS, Simulation
+from spin_rl.tasks.common import episode
+
+HISTORY_STEPS = 8
+MAX_DUMPS = 8
+
+
+class HealthMonitor:
+    """Counts on the device; nothing is read back until `read` or `dump`.
+
+    A world whose positions, velocities or action turn non-finite is reset by the task like any other that
+    ended, and training goes on; its last control steps are kept for a look. Overflow means that mujoco_warp
+    dropped contacts or constraints of a world during a control step; the contact pool is shared by the
+    worlds, so that its overflow is counted in all of them.
+    """
+
+    def __init__(self, sim: Simulation, outcome: wp.array) -> None:
+        """Allocate records for every world.
+
+        Args:
+            sim: The simulation to watch.
+            outcome: Episode outcomes of the task, shape (nworld,).
+        """
+        self._sim = sim
+        self._outcome = outcome
+        width = sim.data.qpos.shape[1] + sim.data.qvel.shape[1] + sim.action.shape[1]
+        with wp.ScopedDevice(sim.device):
+            self._cursor = wp.zeros(sim.nworld, dtype=wp.int32)
+            self._history = wp.zeros((sim.nworld, HISTORY_STEPS, width), dtype=float)
+            self._dump_count = wp.zeros(1, dtype=wp.int32)
+            self._dump = wp.zeros((MAX_DUMPS, HISTORY_STEPS, width), dtype=float)
+            self._bits = wp.array([bit for bit, _ in OVERFLOWS.values()], dtype=wp.int32)
+            self._overflow_count = wp.zeros(len(OVERFLOWS), dtype=wp.int32)
+
+    def launch(self) -> None:
+        """Record this control step; runs in the step graph after episodes ended and before the reset."""
+        sim = self._sim
+        wp.launch(
+            episode._record_history,
+            dim=sim.nworld,
+            inputs=[sim.data.qpos, sim.data.qvel, sim.action, self._outcome, self._cursor, self._history],
+            outputs=[self._dump_count, self._dump],
+        )
+        wp.launch(
+            episode._count_overflow,
+            dim=sim.nworld,
+            inputs=[self._bits, sim.data.overflow],
+            outputs=[self._overflow_count],
+        )
+
+    def clear(self) -> None:
+        """Forget all that was counted and recorded."""
+        self.restart()
+        self._dump_count.zero_()
+        self._overflow_count.zero_()
+
+    def restart(self) -> None:
+        """Forget the states of the episodes that run: all worlds were reset from outside."""
+        self._history.zero_()
+
+    def read(self) -> dict[str, float]:
+        """Return and clear the number of control steps with overflow, over all worlds, as `overflow/<cause>`.
+
+        Raises:
+            RuntimeError: There were some and `sim.overflow` is "raise"; the message names the key to
+                increase.
+        """
+        # A copy before it is cleared: on the CPU, numpy() is a view.
+        counts = dict(zip(OVERFLOWS, self._overflow_count.numpy().tolist(), strict=True))
+        self._overflow_count.zero_()
+        config = self._sim.config
+        for cause, (_, key) in OVERFLOWS.items():
+            if config.overflow == "raise" and counts[cause] and key is not None:
+                raise RuntimeError(
+                    f"overflow/{cause}: mujoco_warp dropped contacts or constraints in {counts[cause]} "
+                    f"control steps of a world; increase sim.{key}, now {getattr(config, key)}"
+                )
+        return {f"overflow/{cause}": float(count) for cause, count in counts.items()}
+
+    def dump(self, folder: Path) -> list[Path]:
+        """Write one .npz per non-finite world since the last call (at most MAX_DUMPS) and clear the record.
+
+        Each file has `qpos`, `qvel` and `action` of the last control steps, oldest first, shape (8, ...).
+        """
+        count = min(int(self._dump_count.numpy()[0]), MAX_DUMPS)
+        if count == 0:
+            return []
+        records = self._dump.numpy()
+        self._dump_count.zero_()
+        folder.mkdir(parents=True, exist_ok=True)
+        nq, nv = self._sim.data.qpos.shape[1], self._sim.data.qvel.shape[1]
+        files = []
+        for i in range(count):
+            path = folder / f"non_finite_{time.time_ns()}_{i}.npz"
+            qpos, qvel, action = np.split(records[i], [nq, nq + nv], axis=1)
+            np.savez_compressed(path, qpos=qpos, qvel=qvel, action=action)
+            files.append(path)
+        return files

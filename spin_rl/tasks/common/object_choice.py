@@ -1,0 +1,54 @@
+"""Which object the worlds of a task get: one by name, any, or several in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+import warp as wp
+
+from spin_rl.scenes.objects.shapes import OBJECTS
+
+ANY_OBJECT = "any"
+
+
+def object_names(choice: str) -> tuple[str, ...]:
+    """Split `task.object`: "banana+any" gives the worlds a banana and any object in turn."""
+    return tuple(choice.split("+"))
+
+
+def check_object(choice: str) -> None:
+    """Reject a value of `task.object` that is none.
+
+    Raises:
+        ValueError: One of its names is neither one of `objects.OBJECTS` nor "any".
+    """
+    for name in object_names(choice):
+        if name != ANY_OBJECT and name not in OBJECTS:
+            raise ValueError(
+                f"task.object must be {ANY_OBJECT} or one of {', '.join(OBJECTS)}, or several joined by +, "
+                f"got {name!r}"
+            )
+
+
+class ObjectChoice:
+    """Part of an environment with an object in every world; generators of scenes read `_kind_choice`."""
+
+    def _allocate_choice(self, num_envs: int, choice: str) -> None:
+        """Allocate the kind of every world's next object, -1 for any, on the current device."""
+        names = object_names(choice)
+        kinds = [_index(names[world % len(names)]) for world in range(num_envs)]
+        self._kind_choice = wp.array(kinds, dtype=wp.int32)
+
+    def set_objects(self, kinds: Sequence[str]) -> None:
+        """Fix the object of every world, from its next episode on.
+
+        Args:
+            kinds: One of `objects.OBJECTS` or "any" for each world.
+        """
+        indices = [_index(kind) for kind in kinds]
+        wp.to_torch(self._kind_choice).copy_(torch.tensor(indices, dtype=torch.int32))
+
+
+def _index(name: str) -> int:
+    return -1 if name == ANY_OBJECT else OBJECTS.index(name)

@@ -1,0 +1,155 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
+"""What the robot does by itself in a fetch: scripts between the policies, and a firm grip on the way back.
+
+Phases are in `fetch_phases.py`; here their commands become actions, at limited rates.
+"""
+
+import warp as wp
+
+from spin_rl import robot
+from spin_rl.scenes.corridors.params import vec8
+from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.sim.targets import action_for, joint_target
+from spin_rl.tasks.fetch.scripts.bumper import without_bumps
+from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, Command
+from spin_rl.tasks.fetch.scripts.phases import SETTLE, align, is_pose, last_phase, place, retract
+from spin_rl.tasks.fetch.state import ALIGN, CARRY, PICK, PLACE, REACH, RETRACT, FetchState
+from spin_rl.tasks.pick.episode import Forces
+
+_LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
+_RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))
+_STILL = wp.constant(0.01)
+"""Slower than this the base stands [m/s, rad/s]."""
+_STUCK_STEPS = wp.constant(5)
+_RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
+"""How fast targets move [m/s, rad/s]."""
+_CARRY_LIFT_RATE = wp.constant(0.15)
+"""How fast the lift moves while the navigation policy drives with an object in the hand [m/s]."""
+_HOLDS_N = wp.constant(2.0)
+"""Fingertips that press with more than this hold something, or stand on it."""
+_GRIP_LEAD = wp.constant(0.14)
+"""How far the fingers' target is within where they are [rad]. With both servos at their limit nothing would
+keep the object from wandering sideways between the fingers."""
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Drive:
+    """The robot's limits and the control period, as scripts need them."""
+
+    joint_low: wp.array[float]
+    joint_default: wp.array[float]
+    joint_high: wp.array[float]
+    base_speed: wp.array[float]
+    carry_moves: wp.array[wp.bool]
+    carry_lift: float
+    pick_speed: wp.vec2
+    table_slot: int
+    period: float
+
+
+@wp.func
+def _target_of(joint: int, value: float, drive: Drive) -> float:
+    return joint_target(value, drive.joint_low[joint], drive.joint_default[joint], drive.joint_high[joint])
+
+
+@wp.func
+def _action_of(joint: int, target: float, drive: Drive) -> float:
+    return action_for(target, drive.joint_low[joint], drive.joint_default[joint], drive.joint_high[joint])
+
+
+@wp.func
+def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action: wp.array2d[float]) -> None:
+    """Change the navigation policy's action so that the object stays in the hand."""
+    for joint in range(wp.static(6)):
+        if joint == FINGER:
+            action[w, joint + 2] = _action_of(joint, grip, drive)
+        elif not drive.carry_moves[joint]:
+            action[w, joint + 2] = _action_of(joint, target[w, joint], drive)
+    most = _CARRY_LIFT_RATE * drive.period
+    wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift)
+    now = target[w, LIFT]
+    action[w, LIFT + 2] = _action_of(LIFT, now + wp.clamp(wanted - now, -most, most), drive)
+
+
+@wp.func
+def _is_still(move: wp.vec2) -> bool:
+    return wp.abs(move[0]) < _STILL and wp.abs(move[1]) < _STILL
+
+
+@wp.kernel
+def _script_actions(
+    # Parameters
+    drive: Drive,
+    slots: Slots,
+    # In
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    target: wp.array2d(dtype=float),
+    forces: Forces,
+    # In and out
+    state: FetchState,
+    action: wp.array2d(dtype=float),
+) -> None:
+    w = wp.tid()
+    stage = state.stage[w]
+    if stage == REACH:
+        return
+    base = wp.vec3(qpos[w, 0], qpos[w, 1], qpos[w, 2])
+    grip = 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT]) - _GRIP_LEAD
+    if stage == PICK:
+        # The policy does not see walls.
+        speed = wp.cw_mul(drive.pick_speed, wp.vec2(action[w, 0], action[w, 1]))
+        safe = wp.cw_div(without_bumps(w, base, speed[0], speed[1], slots), drive.pick_speed)
+        action[w, 0] = safe[0]
+        action[w, 1] = safe[1]
+        return
+    if stage == CARRY:
+        _carry(w, drive, grip, target, action)
+        return
+    c = Command()
+    c.rate = 1.0
+    for joint in range(target.shape[1]):
+        c.joints[joint] = target[w, joint]
+    if stage == ALIGN:
+        yaw = slots.yaw[w, drive.table_slot]
+        along = wp.vec2(wp.cos(yaw), wp.sin(yaw))
+        pressed = forces.finger[w, 0] + forces.finger[w, 1] > _HOLDS_N
+        holds = pressed and not forces.support[w]
+        c = align(w, c, base, qvel[w, 2], along, grip, holds, state, drive.period)
+    elif stage == RETRACT:
+        c = retract(w, c, base, qvel[w, 2], grip, state)
+    elif stage == PLACE:
+        supported = forces.support[w] or forces.table[w] > _HOLDS_N
+        c = place(w, c, base, grip, supported, state, drive.period)
+
+    move = without_bumps(w, base, c.forward, c.turn, slots)
+    is_stuck = _is_still(move) and not _is_still(wp.vec2(c.forward, c.turn))
+    state.stuck[w] = wp.where(is_stuck, state.stuck[w] + 1, 0)
+    if state.stuck[w] >= _STUCK_STEPS:
+        state.stuck[w] = 0
+        state.detour[w] = not state.detour[w]
+    action[w, 0] = move[0] / wp.where(move[0] >= 0.0, drive.base_speed[0], drive.base_speed[1])
+    action[w, 1] = move[1] / drive.base_speed[2]
+    moving = bool(False)
+    for joint in range(target.shape[1]):
+        now = target[w, joint]
+        goal = wp.clamp(c.joints[joint], drive.joint_low[joint], drive.joint_high[joint])
+        most = c.rate * _RATES[joint] * drive.period
+        if joint == FINGER and (stage != ALIGN or goal < now):
+            most = 10.0
+        if joint < FINGER and wp.abs(goal - now) > 1.0e-3:
+            moving = True
+        action[w, joint + 2] = _action_of(joint, now + wp.clamp(goal - now, -most, most), drive)
+
+    # Phases that only move joints are done when these have followed.
+    state.phase_time[w] = wp.where(moving, 0, state.phase_time[w] + 1)
+    last = last_phase(stage)
+    phase = state.phase[w]
+    if phase >= last:
+        state.ready[w] = state.phase_time[w] >= SETTLE
+    elif c.done or (is_pose(stage, phase) and state.phase_time[w] >= SETTLE):
+        state.phase[w] = phase + 1
+        state.phase_time[w] = 0

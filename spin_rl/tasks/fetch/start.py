@@ -1,0 +1,87 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
+"""Kernels that begin fetches, and the one that keeps in mind where the object was seen."""
+
+import warp as wp
+
+from spin_rl.sim.targets import ABSOLUTE
+from spin_rl.tasks.common.episode import draw_servos
+from spin_rl.tasks.fetch.state import REACH, FetchState
+from spin_rl.tasks.pick.episode import Forces
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _watch_objects(
+    # In
+    seen: wp.array(dtype=bool),
+    at: wp.array(dtype=wp.vec3),
+    # Out
+    state: FetchState,
+) -> None:
+    w = wp.tid()
+    if seen[w]:
+        state.is_found[w] = True
+        state.found[w] = at[w]
+
+
+@wp.kernel
+def _prepare_fetches(
+    # In
+    mask: wp.array(dtype=bool),
+    # Out
+    mode_out: wp.array(dtype=wp.int32),
+) -> None:
+    w = wp.tid()
+    if mask[w]:
+        mode_out[w] = ABSOLUTE
+
+
+@wp.kernel
+def _begin_fetches(
+    # In
+    mask: wp.array(dtype=bool),
+    start: wp.array(dtype=wp.vec3),
+    seed: wp.array(dtype=wp.int32),
+    lag_range: wp.array2d(dtype=float),
+    speed_range: wp.array(dtype=float),
+    # In and out
+    counter: wp.array(dtype=wp.int32),
+    # Out
+    state: FetchState,
+    forces: Forces,
+    lag_out: wp.array2d(dtype=float),
+    speed_scale_out: wp.array(dtype=float),
+) -> None:
+    w = wp.tid()
+    if not mask[w]:
+        return
+    state.stage[w] = REACH
+    state.time[w] = 0
+    state.length[w] = 0
+    state.phase[w] = 0
+    state.phase_time[w] = 0
+    state.ready[w] = False
+    state.held[w] = 0
+    state.loose[w] = 0
+    state.stuck[w] = 0
+    state.detour[w] = False
+    state.retries[w] = 0
+    state.drops[w] = 0
+    state.scrapes[w] = 0
+    for i in range(state.stage_steps.shape[1]):
+        state.stage_steps[w, i] = 0
+    state.home[w] = wp.vec2(start[w][0], start[w][1])
+    state.grip[w] = wp.vec2(0.0, 0.0)
+    state.is_found[w] = False
+    forces.finger[w, 0] = 0.0
+    forces.finger[w, 1] = 0.0
+    forces.table[w] = 0.0
+    forces.hard[w] = 0.0
+    forces.support[w] = True
+    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
+    counter[w] = counter[w] + 1
+    lag_out[w, 0] = drawn[0]
+    lag_out[w, 1] = drawn[1]
+    speed_scale_out[w] = drawn[2]

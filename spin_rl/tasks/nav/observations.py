@@ -1,0 +1,98 @@
+"""Observation groups of the navigation task, everything relative to the robot (SPIN, Observation Space).
+
+    proprio       (num_envs, 31)  see PROPRIO in `proprioception.py`
+    goal          (num_envs, 3)   goal in the base frame: x, y and distance [m], divided by GOAL_SCALE_M
+    scandots      (num_envs, slots * 32)  tokens of what the camera sees, F(s_t, x_t)
+    scandots_all  (num_envs, slots * 32)  tokens of the whole local window, s_t
+    depth         (num_envs, rows * cols) image d_t, uint8, see `DepthImages.observe`; if enabled
+
+A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity flags.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import warp as wp
+from tensordict import TensorDict
+
+from spin_rl.sensors.scandots import Scandots
+from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.common.depth import DepthImages
+from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, rotate
+
+GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+OPTIONAL_GROUPS = ("depth",)
+GOAL_SCALE_M = 2.5
+
+
+@dataclass(frozen=True)
+class NoiseConfig(ProprioNoise):
+    """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
+
+    Attributes:
+        goal_m: Of the goal's x and y [m].
+        scandots_m: Half width of the uniform noise on every scandot coordinate [m].
+    """
+
+    goal_m: float = 0.0
+    scandots_m: float = 0.0
+
+
+class NavObservations(Proprioception):
+    """Computes the observation groups from simulator memory."""
+
+    def __init__(
+        self,
+        sim: Simulation,
+        scandots: Scandots,
+        noise: NoiseConfig,
+        seed: int,
+        depth: DepthImages | None = None,
+    ) -> None:
+        """Prepare constants on the simulation's device.
+
+        Args:
+            sim: The simulation to read.
+            scandots: Its scandot sensor.
+            noise: Sensor noise.
+            seed: Seed of the noise.
+            depth: Its depth camera, if it has one.
+        """
+        super().__init__(sim, noise, seed)
+        self._noise = noise
+        self._depth = depth
+        self._visible = wp.to_torch(scandots.visible).flatten(1)
+        self._all = wp.to_torch(scandots.all).flatten(1)
+
+    def compute(self) -> TensorDict:
+        """Return new tensors of all groups; noise is drawn anew at every call."""
+        proprio = self.proprio()
+        goal_b = self._goal_in_base()
+        groups = {
+            "proprio": proprio,
+            "goal": torch.cat((goal_b, goal_b.norm(dim=-1, keepdim=True)), -1) / GOAL_SCALE_M,
+            "scandots": self._with_noise(self._visible),
+            "scandots_all": self._all.clone(),
+        }
+        if self._depth is not None:
+            groups["depth"] = self._depth.observe()
+        return TensorDict(groups, batch_size=[self._sim.nworld])
+
+    def _goal_in_base(self) -> torch.Tensor:
+        qpos = self._views.qpos
+        return self.perturbed(rotate(self._views.goal - qpos[:, :2], qpos[:, 2:3]), self._noise.goal_m)
+
+    def _with_noise(self, tokens: torch.Tensor) -> torch.Tensor:
+        if self._noise.scandots_m == 0.0:
+            return tokens.clone()
+        noise = torch.rand(tokens.shape, generator=self._rng, device=tokens.device)
+        noise = noise.sub_(0.5).mul_(2.0 * self._noise.scandots_m)
+        # Only valid corners move: coordinates of the others, and all flags, are left as they are.
+        n = tokens.shape[0]
+        by_token = tokens.view(n, -1, 32)
+        offset = noise.view(n, -1, 32)[..., :24].view(n, -1, 8, 3) * by_token[..., 24:, None]
+        result = by_token.clone()
+        result[..., :24] += offset.view(n, -1, 24)
+        return result.view(n, -1)

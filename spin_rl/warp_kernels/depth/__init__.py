@@ -1,0 +1,1 @@
+"""Exact depth images: geoms become records, records are drawn at the pixels."""

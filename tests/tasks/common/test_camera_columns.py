@@ -1,0 +1,20 @@
+"""What belongs to the camera among actions and observations."""
+
+import torch
+
+from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.env import NavEnv
+
+
+def test_a_frozen_camera_holds_its_columns_and_no_others(device):
+    env = NavEnv(NavConfig(camera_pose=(0.0, -0.6), stop_on_collision=False), num_envs=4, device=device)
+    generator = torch.Generator().manual_seed(0)
+    seen = []
+    for _ in range(12):
+        obs = env.step(2 * torch.rand(4, env.num_actions, generator=generator).to(device) - 1)[0]
+        seen.append(obs["proprio"].cpu())
+    spread = torch.stack(seen).flatten(0, 1).std(0)
+    # Joints settle within the servos' tolerance.
+    still = tuple((spread < 1e-2).nonzero().flatten().tolist())
+    assert still == tuple(sorted(env.camera_columns["proprio"]))
+    assert [env.num_actions - 2, env.num_actions - 1] == list(env.camera_actions)

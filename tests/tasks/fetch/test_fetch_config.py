@@ -1,0 +1,92 @@
+"""Settings of a fetch: what they change, and which are refused."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from fetch_worlds import CARRY, NUM_WORLDS, PICK, enter, idle, stand_at, table_yaw
+
+from spin_rl import robot
+from spin_rl.sensors.depth.pipeline import DepthConfig
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.fetch.config import FetchConfig, StageLimits
+
+
+def test_the_detector_finds_what_is_in_view(make_fetch_env):
+    """Within the errors of docs/detection.md; nothing where the camera looks away."""
+    env = make_fetch_env(FetchConfig(detector="segmentation"), seed=3)
+    truth = env.sim.object.views.pos
+    pan, tilt = robot.DOF_NAMES.index("head_pan"), robot.DOF_NAMES.index("head_tilt")
+    for world in range(NUM_WORLDS):
+        yaw = table_yaw(env, world)
+        along = torch.tensor([math.cos(yaw), math.sin(yaw)])
+        stand_at(env, truth[world, :2] - 0.7 * along, world, yaw)
+        away = world == 3
+        env.sim.views.qpos[world, pan] = math.pi / 2 if away else 0.0
+        drop = 1.35 - float(truth[world, 2])
+        env.sim.views.qpos[world, tilt] = 0.0 if away else -math.atan2(drop, 0.7)
+    env.sim.forward()
+    env.sight.update()
+    obs = env.get_observations()
+    assert obs["object"][:, 0].tolist() == [1.0, 1.0, 1.0, 0.0]
+    found = torch.as_tensor(env.sight.at.numpy())
+    assert ((found - truth).norm(dim=1)[:3] < 0.03).all()
+    assert ((found - truth).norm(dim=1)[:3] > 1e-4).all(), "it is measured, not told"
+    assert (obs["object"][3] == 0.0).all()
+
+
+def test_images_are_scaled_for_picking_in_that_stage_alone(make_fetch_env):
+    cfg = FetchConfig(depth=DepthConfig(), pick_range_m=(0.5, 1.5))
+    env = make_fetch_env(cfg, seed=3)
+    enter(env, PICK, 1)
+    enter(env, CARRY, 2)
+    obs = env.get_observations()
+    images = obs["depth"].cpu().numpy()
+    metres = env.depth.pipeline.filter.depth.numpy().reshape(NUM_WORLDS, -1)
+    assert (metres == 0).any(), "holes are far"
+    for world in range(NUM_WORLDS):
+        near, far = (0.5, 1.5) if world == 1 else (0.2, 4.0)
+        scaled = np.where(metres[world] > 0, np.clip((metres[world] - near) / (far - near), 0, 1), 1)
+        np.testing.assert_allclose(images[world], 255 * scaled, atol=0.51)
+    located = env.depth.locate(env.observations._pick.grasp_centre, (0.0, 1.0))
+    torch.testing.assert_close(
+        obs["hand_in_image"][:, 2], located[:, 2] - 0.5, msg="always in picking's range"
+    )
+
+
+def test_the_whole_fetch_has_a_limit(make_fetch_env):
+    env = make_fetch_env(FetchConfig(episode_s=0.5), num_envs=2)
+    outcomes = []
+    for _ in range(5):
+        env.step(idle(env))
+        outcomes.append(int(env.outcome[0]))
+    assert outcomes == [episode.RUNNING] * 4 + [episode.TIMEOUT]
+    assert env.results().cause(0) == "reach timeout"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: FetchConfig(retries=-1), r"task\.retries"),
+        (lambda: FetchConfig(carry_moves=("head_pan",)), r"task\.carry_moves"),
+        (lambda: FetchConfig(camera_pose=(0.0, -0.5)), r"task\.camera_pose"),
+        (lambda: FetchConfig(pick_range_m=(1.0, 0.5)), r"task\.pick_range_m must be two depths"),
+        (lambda: FetchConfig(pick_range_m=(0.5, 1.0)), r"task\.pick_range_m changes nothing"),
+        (lambda: FetchConfig(detector="yolo"), r"task\.detector must be one of none, segmentation"),
+        (lambda: FetchConfig(object="cup"), r"task\.object must be any or"),
+        (lambda: FetchConfig(carry_lift_m=0.2), r"task\.carry_lift_m"),
+        (lambda: FetchConfig(reward={"success": 1.0}), r"reward\.success"),
+        (lambda: StageLimits(pick=0.0), r"task\.limits\.pick"),
+    ],
+)
+def test_impossible_configurations_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_configuration_file_has_the_defaults_of_the_code():
+    from spin_rl.benchmark.settings import compose
+    from spin_rl.tasks.registry import fetch_config
+
+    assert fetch_config(compose(["task=fetch"])) == FetchConfig()
