@@ -8,7 +8,7 @@ from pathlib import Path
 
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
-from spin_rl.benchmark.tables import reach as report
+from spin_rl.files import write_json
 from spin_rl.tasks.registry import any_config
 
 
@@ -51,6 +51,6 @@ def evaluate_run(
         result["scene"] = label
     print(benchmark.table(result))
     path = Path(run_dir) / f"{name}.json"
-    report.write_json(result, path)
+    write_json(path, result)
     print(f"Wrote {path}: {benchmark.headline(result)}")
     return path

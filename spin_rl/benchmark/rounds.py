@@ -14,8 +14,8 @@ import torch
 
 from spin_rl.benchmark.metrics import Episodes
 from spin_rl.config import ConfigError
+from spin_rl.machine import commit
 from spin_rl.policy import Policy, PolicyFactory
-from spin_rl.speed.rows import commit
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.env import TaskEnv
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -18,7 +17,8 @@ from omegaconf import DictConfig
 
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
-from spin_rl.runners.checkpoint import write_atomically
+from spin_rl.files import write_json
+from spin_rl.machine import num_cores
 from spin_rl.speed import rows as throughput
 from spin_rl.speed.timing import Stopwatch
 from spin_rl.tasks.registry import env_config, plain, with_depth
@@ -60,8 +60,7 @@ def bench(cfg: DictConfig) -> None:
     if out is None:
         print(f"Wrote nothing, out=<file.json> keeps the figures: {headline}")
         return
-    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
-    write_atomically(out, lambda file: file.write(text.encode()))
+    write_json(out, result)
     print(f"Wrote {out}: {len(rows)} rows, {headline}")
 
 
@@ -172,7 +171,7 @@ def _require_count(key: str, value: Any) -> None:
 
 def _load() -> float | None:
     """Processes that wanted a core in the last minute, per core; None where the system does not tell."""
-    return os.getloadavg()[0] / throughput.num_cores() if hasattr(os, "getloadavg") else None
+    return os.getloadavg()[0] / num_cores() if hasattr(os, "getloadavg") else None
 
 
 def _warn_if_busy() -> None:

@@ -16,6 +16,7 @@ from spin_rl.benchmark import registry as benchmarks
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import check_task, with_task
 from spin_rl.config import ConfigError
+from spin_rl.files import write_json
 from spin_rl.tasks.registry import any_config, plain
 
 ANALYSES = ("camera", "failures")
@@ -39,7 +40,6 @@ def evaluate(cfg: DictConfig) -> None:
     from spin_rl.analysis.camera import report as camera_report
     from spin_rl.analysis.failures import report as failures_report
     from spin_rl.benchmark import policies, settings
-    from spin_rl.benchmark.tables import reach as report
 
     benchmark = benchmarks.BENCHMARKS[values["benchmark"]]
     if benchmark.task == "fetch":
@@ -65,7 +65,7 @@ def evaluate(cfg: DictConfig) -> None:
     if out is None:
         print(f"Wrote nothing, out=<file.json> keeps the numbers: {headline}")
     else:
-        report.write_json(result, out)
+        write_json(out, result)
         print(f"Wrote {out}: {headline}")
     if values["plot"] is not None:
         assert not isinstance(writer, benchmarks.Benchmark)  # checked: only an analysis draws

@@ -13,7 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 
 from spin_rl.cli import common
 from spin_rl.config import ConfigError
-from spin_rl.runners.checkpoint import write_atomically
+from spin_rl.files import write_text
 from spin_rl.runners.policy_file import read_policy
 
 # Settings of a call rather than of the run.
@@ -104,7 +104,7 @@ def _changed_settings(before: Any, now: Any, path: str = "") -> list[str]:
 def write_config(run_dir: Path, values: dict[str, Any]) -> None:
     """Write `config.yaml`; only the main process does."""
     if common.is_main_process():
-        _write_text(run_dir / "config.yaml", yaml.safe_dump(values, sort_keys=False))
+        write_text(run_dir / "config.yaml", yaml.safe_dump(values, sort_keys=False))
 
 
 def write_results(run_dir: Path, summary: dict[str, Any], values: dict[str, Any], device: str) -> None:
@@ -116,7 +116,7 @@ def write_results(run_dir: Path, summary: dict[str, Any], values: dict[str, Any]
     path = run_dir / "summary.json"
     # JSON has no NaN: rates of no episodes are null.
     plain = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in summary.items()}
-    _write_text(path, json.dumps(plain, indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(plain, indent=2, allow_nan=False) + "\n")
     success = summary["success_rate"]
     result = "no episode over yet" if math.isnan(success) else f"success {success:.2f}"
     print(f"Wrote {path}: {result} after {summary['env_steps']:,} env steps")
@@ -130,7 +130,3 @@ def write_results(run_dir: Path, summary: dict[str, Any], values: dict[str, Any]
             announce=common.announced,
             overrides=HydraConfig.get().overrides.task,
         )
-
-
-def _write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda file: file.write(text.encode()))

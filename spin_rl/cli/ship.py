@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from spin_rl.benchmark.registry import BENCHMARKS
+from spin_rl.files import write_text
+from spin_rl.machine import hardware
 from spin_rl.paths import POLICY_DIR
-from spin_rl.runners.checkpoint import write_atomically
 from spin_rl.runners.policy_file import save_policy
-from spin_rl.speed.rows import hardware
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def main() -> None:
     path = POLICY_DIR / f"{arguments.name}.safetensors"
     save_policy(path, arguments.run, facts)
     card = _card(arguments.name, arguments.note, facts, summary, report)
-    write_atomically(path.with_suffix(".md"), lambda file: file.write(card.encode()))
+    write_text(path.with_suffix(".md"), card)
     print(f"Wrote {path} ({path.stat().st_size / 1e6:.1f} MB) and {path.with_suffix('.md')}")
 
 

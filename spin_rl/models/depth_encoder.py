@@ -94,8 +94,7 @@ class DepthEncoderConfig:
 class DepthEncoder(nn.Module):
     """Convolutions, then fully connected layers to the latent.
 
-    Images are 8-bit, 0 to 255 for 0 to 1: as they are stored (`spin_rl.tasks.nav.observations`), converted only
-    where they are used.
+    Images are 8-bit, 0 to 255 for 0 to 1, as they are stored, and converted only where they are used.
 
     Source: SPIN supplement, network architecture (58 x 87 pixels, 3 convolutions, 3 fully connected layers).
     """

@@ -6,36 +6,18 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import torch
 from torch import nn
 
+from spin_rl.files import sync_folder, write_atomically
+
 FORMAT_VERSION = 1
 KEEP_NUMBERED = 3
 _NUMBERED = re.compile(r"iteration_(\d+)\.pt")
-
-
-def write_atomically(path: Path, write: Callable[[BinaryIO], Any]) -> None:
-    """Replace a file in one step: readers see the old or the new content, whenever the process is killed.
-
-    Args:
-        path: File to replace; its folder is created.
-        write: Called with the open temporary file, which lies in the same folder.
-
-    Raises:
-        OSError: The file cannot be written; the old one is still there.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
-    with open(temporary, "wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-    _sync_folder(path.parent)
 
 
 def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
@@ -68,7 +50,7 @@ def save_numbered(folder: Path, iteration: int, state: Mapping[str, Any]) -> Pat
         temporary.unlink(missing_ok=True)
         os.link(last, temporary)  # the same bytes: no second write
         os.replace(temporary, numbered)
-        _sync_folder(folder)
+        sync_folder(folder)
     except OSError:  # a file system without hard links
         save_checkpoint(numbered, state)
     for old in _numbered(folder)[KEEP_NUMBERED:]:
@@ -172,15 +154,6 @@ def _numbered(folder: Path) -> list[Path]:
     """Numbered checkpoints, newest first."""
     found = [(int(match[1]), path) for path in folder.iterdir() if (match := _NUMBERED.fullmatch(path.name))]
     return [path for _, path in sorted(found, reverse=True)]
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename durable."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _check_plain(value: Any, where: str) -> None:

@@ -14,8 +14,9 @@ from safetensors.torch import save
 from tensordict import TensorDict
 
 from spin_rl import paths
+from spin_rl.files import write_atomically
 from spin_rl.models import ScandotModel
-from spin_rl.runners.checkpoint import find_checkpoint, load_module_state, write_atomically
+from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.config import MODEL_ARGUMENTS, check_class
 
 FORMAT_VERSION = 1

@@ -14,10 +14,11 @@ from mujoco.rollout import Rollout
 
 from spin_rl import robot
 from spin_rl.benchmark.tables.paper import FRAMES_PER_S
+from spin_rl.machine import num_cores
 from spin_rl.scenes.builder import PARKED_Z_M, native_model
 from spin_rl.scenes.layout import Scene
 from spin_rl.sim.graph import StepGraph
-from spin_rl.speed.rows import Row, num_cores, rate_row
+from spin_rl.speed.rows import Row, rate_row
 from spin_rl.speed.timing import Stopwatch, Subject, Timing, interleave
 from spin_rl.tasks.nav.env import NavEnv
 

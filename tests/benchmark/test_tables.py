@@ -7,6 +7,7 @@ from spin_rl import robot
 from spin_rl.benchmark.reach import REACH_CELLS
 from spin_rl.benchmark.tables import pick as pick_report
 from spin_rl.benchmark.tables import reach as report
+from spin_rl.files import write_json
 from spin_rl.sensors.depth.noise import DepthNoiseConfig
 
 CAUSES = dict.fromkeys((*robot.PARTS, "timeout", "non_finite"), 0.0)
@@ -104,7 +105,7 @@ def test_headline(six_cells):
 
 def test_json_makes_its_folder_and_replaces_the_file(six_cells, tmp_path):
     path = tmp_path / "new" / "reach.json"
-    report.write_json({"old": 1}, path)
-    report.write_json(six_cells, path)
+    write_json(path, {"old": 1})
+    write_json(path, six_cells)
     assert json.loads(path.read_text()) == six_cells
     assert [entry.name for entry in path.parent.iterdir()] == ["reach.json"]

@@ -15,8 +15,8 @@ from spin_rl.analysis.failures.watch import Failure, FailureWatch
 from spin_rl.benchmark.metrics import Episodes, summarize
 from spin_rl.benchmark.reach import REACH_CELLS, run_cells
 from spin_rl.benchmark.rounds import SEED_OFFSET
+from spin_rl.machine import commit
 from spin_rl.policy import PolicyFactory
-from spin_rl.speed.rows import commit
 from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from spin_rl.benchmark.settings import noise_label
 from spin_rl.benchmark.tables.paper import REACH, PaperCell
-from spin_rl.runners.checkpoint import write_atomically
 
 PAPER_ROWS = ("SPIN (CVO)", "FixCam")
 _MAX_CAUSES = 3
@@ -115,12 +112,3 @@ def headline(result: dict[str, Any]) -> str:
     rows = result["rows"]
     mean = sum(row["success_rate"] for row in rows) / len(rows)
     return f"mean success {mean:.2f} over {len(rows)} cells, {sum(row['episodes'] for row in rows)} episodes"
-
-
-def write_json(result: dict[str, Any], path: Path) -> None:
-    """Write a result to a file that is complete or not there; its folder is made.
-
-    Rates and shares are in [0, 1], times in seconds, distances in metres.
-    """
-    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
-    write_atomically(path, lambda file: file.write(text.encode()))

@@ -1,0 +1,49 @@
+"""What figures are measured on: the machine, and the commit of the code."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from pathlib import Path
+
+import torch
+
+from spin_rl.paths import CONF_DIR
+
+
+def hardware(device: str) -> str:
+    """Describe the machine, such as "AMD EPYC, 2 cores, no GPU used"."""
+    gpu = "no GPU used"
+    if device != "cpu":
+        gpu = torch.cuda.get_device_name(device)
+    return f"{_cpu_model()}, {num_cores()} cores, {gpu}"
+
+
+def num_cores() -> int:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def commit() -> str | None:
+    """Commit of the checkout that holds the package, with "-dirty" if files differ; None outside of one."""
+    root = CONF_DIR.parent
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "--no-optional-locks", "-C", str(root)]
+    command += ["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def _cpu_model() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
