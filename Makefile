@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Processes for CPU training: Warp's CPU device is single-threaded, so one per core, up to two.
+# Processes for CPU training and tests: Warp's CPU device is single-threaded, so one per core, up to two.
 WORKERS ?= $(shell nproc 2>/dev/null | awk '{print ($$1 > 2) ? 2 : $$1}')
 HAS_GPU := $(shell nvidia-smi -L 2>/dev/null | head -1)
 TRAIN_MINUTES ?= 5
@@ -31,8 +31,11 @@ endif
 	OMP_NUM_THREADS=1 $(BIN)/spin-play policy=$(RUN) difficulty=easy episodes=2 seed=0 samples=1 \
 		task.episode_s=15 video=$(RUN)/play.mp4
 
+# Whole files go to a process, which keeps what their tests share; both fill one cache of compiled kernels.
 test: setup
-	$(BIN)/python -m pytest $(ARGS)
+	@echo "All tests, $(WORKERS) at a time: about five minutes on two idle cores. Without the slow ones:"
+	@echo "    make test ARGS='-m \"not slow\"'"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(ARGS)
 
 # Whether the tests notice what breaks; some minutes.
 mutants: setup

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from rsl_rl.modules import GaussianDistribution
@@ -47,6 +48,16 @@ class PerActionGaussian(GaussianDistribution):
         with torch.no_grad():
             self.log_std_param.copy_(torch.tensor(init_std, dtype=torch.float32).log())
         self.num_used = num_used
+
+    def sample(self) -> torch.Tensor:
+        """Draw actions, shape (..., output_dim).
+
+        The same numbers as `torch.distributions.Normal.sample`, which waits for the device in every step: its
+        `torch.normal` checks on the host that no standard deviation is negative.
+        """
+        normal: Any = self._distribution
+        with torch.no_grad():
+            return torch.randn_like(normal.loc).mul_(normal.scale).add_(normal.loc)
 
     @property
     def entropy(self) -> torch.Tensor:

@@ -205,6 +205,7 @@ def test_last_line_of_a_run(capsys, tmp_path, success, text, number):
     assert json.loads(path.read_text())["success_rate"] == number
 
 
+@pytest.mark.slow
 def test_asynchronous_distillation(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")

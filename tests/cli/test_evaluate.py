@@ -85,6 +85,7 @@ def test_other_scenes_and_images_are_named_in_table_and_file(monkeypatch, capsys
     assert result["scene"] == "moving" and result["depth"]["noise"]["latency_steps"] == [0, 1]
 
 
+@pytest.mark.slow
 def test_zero_policy_end_to_end(device, tmp_path):
     # The episodes are cut short: no robot that stands still reaches anything.
     out = tmp_path / "new" / "reach.json"

@@ -229,6 +229,7 @@ def test_bench_trains_with_the_settings_of_spin_train():
     assert plain(ours)["runner"] == plain(theirs)["runner"] and ours.num_envs == theirs.num_envs
 
 
+@pytest.mark.slow
 def test_everything_end_to_end(monkeypatch, capfd, device, tmp_path):
     monkeypatch.setattr(visibility_speed, "MIN_WORLDS", 8)
     monkeypatch.setattr(visibility_speed, "SIGHT_WORLDS", 4)

@@ -62,6 +62,7 @@ def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, 
     assert "\n" not in error
 
 
+@pytest.mark.slow
 def test_plots_end_to_end(device, tmp_path):
     pytest.importorskip("matplotlib")
     folder = tmp_path / "plots"

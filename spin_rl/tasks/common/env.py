@@ -16,7 +16,7 @@ from spin_rl import robot
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.tabletops.params import TabletopParams
 from spin_rl.sim import Simulation
-from spin_rl.sim.graph import StepGraph
+from spin_rl.sim.graph import StepGraph, torch_order
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.common.depth import DepthImages
@@ -135,9 +135,9 @@ class TaskEnv(VecEnv):
     def _begin(self, seed: int, capture: bool) -> None:
         """Compile every kernel, start every episode and capture the step."""
         # The eager pass compiles; its step is undone by the reset.
-        with wp.ScopedDevice(self.device):
+        with torch_order(self.device):
             self._launch_step()
-        self.health.clear()
+            self.health.clear()
         self.reseed(seed)
         self.reset()
         self._graph = StepGraph(self._launch_step, self.device, capture=capture)
@@ -177,10 +177,10 @@ class TaskEnv(VecEnv):
 
     def reset(self) -> TensorDict:
         """Start a new episode in every world and return its first observations."""
-        with wp.ScopedDevice(self.device):
+        with torch_order(self.device):
             self._launch_reset(self._all)
+            self.health.restart()
         self.statistics.restart()
-        self.health.restart()
         return self.get_observations()
 
     def get_observations(self) -> TensorDict:
@@ -218,11 +218,13 @@ class TaskEnv(VecEnv):
         """Read and clear what happened since the last call; the only call here that waits for the device."""
         stats = self.statistics.read()
         stats["level"] = float(self.level.mean())
-        return stats | self.health.read()
+        with torch_order(self.device):
+            return stats | self.health.read()
 
     def dump_non_finite(self, folder: Path) -> list[Path]:
         """Write the recent states of worlds that turned non-finite since the last call; return the files."""
-        return self.health.dump(folder)
+        with torch_order(self.device):
+            return self.health.dump(folder)
 
     def state_dict(self) -> dict[str, Any]:
         """Return what a resumed training needs: curriculum levels and random-number counters."""
