@@ -9,7 +9,7 @@ range. It is coarse but errs on the safe side.
 import warp as wp
 
 from spin_rl.scenes.corridors.params import ParamsStruct, vec8
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.warp_kernels.slots import Slots
 
 wp.set_module_options({"enable_backward": False})
 

@@ -10,7 +10,6 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridor_tables.generator import generate_fetch_scenes
-from spin_rl.scenes.corridors.walls import Slots
 from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
 from spin_rl.tasks.common import episode
@@ -27,6 +26,7 @@ from spin_rl.tasks.fetch.scripts import kernel as fetch_script
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.pick.episode import read_forces
 from spin_rl.tasks.pick.observations import PickNoise, PickObservations
+from spin_rl.warp_kernels.slots import slots_of
 
 
 class FetchEnv(ObjectChoice, CorridorEnv):
@@ -120,9 +120,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         self._drive.pick_speed = wp.vec2(
             cfg.manipulation.increments.forward_speed, cfg.manipulation.increments.turn_speed
         )
-        self._slots = Slots()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._slots, name, getattr(sim.layout, name))
+        self._slots = slots_of(sim.layout)
 
     def _launch_step(self) -> None:
         sim = self.sim

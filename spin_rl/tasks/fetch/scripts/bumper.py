@@ -6,7 +6,7 @@ import warp as wp
 
 from spin_rl.scenes.corridors.params import vec8
 from spin_rl.scenes.corridors.start_pose import NUM_BASE, disc_touches, robot_disc
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.warp_kernels.slots import Slots
 
 _BUMPER_M = wp.constant(0.03)
 _BUMPER_S = wp.constant(0.4)
