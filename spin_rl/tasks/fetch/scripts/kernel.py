@@ -8,7 +8,7 @@ Phases are in `fetch_phases.py`; here their commands become actions, at limited 
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.corridors.params import vec8
+from spin_rl.scenes.footprint import vec8
 from spin_rl.sim.targets import action_for, joint_target
 from spin_rl.tasks.fetch.scripts.bumper import without_bumps
 from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, Command
