@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from spin_rl.sensors.interface import Sensor
 from spin_rl.warp_kernels.clearance import Motion, Shapes, measure_clearance
 from spin_rl.warp_kernels.visibility import Obstacles
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from spin_rl.sim import Simulation
 
 
-class Clearance:
+class Clearance(Sensor):
     """Distance to the nearest wall or obstacle, and the squared speed of what is near.
 
     Attributes:

@@ -5,6 +5,7 @@
 import warp as wp
 
 from spin_rl.scenes.layout import Layout
+from spin_rl.sensors.interface import Sensor
 from spin_rl.warp_kernels.visibility import Box, Camera, Obstacles, Points, in_frustum, remove_hidden
 
 wp.set_module_options({"enable_backward": False})
@@ -48,7 +49,7 @@ def _see_objects(
     seen_out[w] = seen != 0
 
 
-class ObjectSight:
+class ObjectSight(Sensor):
     """Owns the flag of every world and refreshes it with one kernel launch.
 
     An object is seen if its centre is in the camera's frustum, within its range, and no obstacle slot (the

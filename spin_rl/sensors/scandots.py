@@ -6,6 +6,7 @@ from typing import Protocol
 
 import warp as wp
 
+from spin_rl.sensors.interface import Sensor
 from spin_rl.warp_kernels.scandots import scandot_tokens
 from spin_rl.warp_kernels.tokens import TOKEN_SIZE
 
@@ -21,7 +22,7 @@ class Obstacles(Protocol):
     is_wall: wp.array
 
 
-class Scandots:
+class Scandots(Sensor):
     """Owns the two token buffers and refreshes them with one kernel launch.
 
     Tokens, their corner order, and what counts as seen are defined in ``spin_rl.warp_kernels.scandots``
