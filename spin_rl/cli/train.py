@@ -19,7 +19,7 @@ from spin_rl.runners.policy_file import read_policy
 from spin_rl.runners.ppo.dvo import check_teacher
 from spin_rl.runners.warm_start import warm_start
 from spin_rl.tasks.common.compose import plain, with_depth
-from spin_rl.tasks.registry import TaskSpec, find_task
+from spin_rl.tasks.registry import find_task
 
 
 def main() -> None:
@@ -39,7 +39,7 @@ def train(cfg: DictConfig) -> None:
     values = with_depth(plain(cfg))
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
-    _check(spec, values)
+    _check(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
     seed = values["seed"]
@@ -71,11 +71,12 @@ def train(cfg: DictConfig) -> None:
     run_folder.write_results(run_dir, summary, values, device)
 
 
-def _check(spec: TaskSpec, values: dict[str, Any]) -> None:
+def _check(values: dict[str, Any]) -> None:
     """Reject what needs no simulator to reject, before kernels are compiled and files written."""
     run_folder.check_call(values)
     _check_sources(values)
-    check_config(values["runner"], dict.fromkeys(spec.groups), values["num_envs"])
+    groups = find_task(values["task"]["name"]).groups
+    check_config(values["runner"], dict.fromkeys(groups), values["num_envs"])
 
 
 def _check_sources(values: dict[str, Any]) -> None:
