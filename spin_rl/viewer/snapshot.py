@@ -9,11 +9,9 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.objects.shapes import SceneObject
-from spin_rl.tasks.pick.episode import PICK_OUTCOMES
+from spin_rl.tasks.common import episode
 
-OUTCOMES = PICK_OUTCOMES
-"""Names of the outcomes of all tasks; navigation has all but the last."""
-RUNNING = OUTCOMES[0]
+RUNNING = episode.OUTCOMES[episode.RUNNING]
 
 
 @dataclass(frozen=True)
@@ -63,12 +61,13 @@ class Snapshot:
         time: Since the start of the episode [s].
         qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
         scandots: What is near, and what of it is seen; None where the task has no scandots.
-        outcome: One of `OUTCOMES`; other than "running" in an episode's last snapshot.
+        outcome: One of the task's outcomes; other than "running" in an episode's last snapshot.
         depth: The depth image as the policy gets it, noisy and filtered, upright, in metres between the
             nearest and the farthest depth that it can tell apart, shape (rows, columns); None where the
             task has no depth camera.
         target: The object to pick up, where the task has one.
-        stage: One of `fetch_state.STAGES`, where the task has stages.
+        stage: One of `stages`, where the task has stages.
+        stages: Names of the stages of the task's episodes in their order.
     """
 
     scene: Scene
@@ -80,6 +79,7 @@ class Snapshot:
     depth: np.ndarray | None = None
     target: Target | None = None
     stage: str | None = None
+    stages: tuple[str, ...] = ()
 
     @property
     def marks(self) -> Scandots:

@@ -65,6 +65,8 @@ class TaskEnv(VecEnv):
     Attributes:
         sensors: What observations read; updated at the end of a step, with new episodes' scenes and poses.
         step_sensors: What rewards read; updated after physics, before worlds that ended are reset.
+        outcomes: Names of the values of `outcome`.
+        stages: Names of the values of `stage`, where episodes have stages.
     """
 
     camera_actions = CAMERA_ACTIONS
@@ -72,6 +74,8 @@ class TaskEnv(VecEnv):
     cfg: TaskConfig
     sensors: tuple[Sensor, ...] = ()
     step_sensors: tuple[Sensor, ...] = ()
+    outcomes: tuple[str, ...] = episode.OUTCOMES
+    stages: tuple[str, ...] = ()
     observations: Observations
     statistics: EpisodeStatistics
     last_transition: Motion | None = None
@@ -227,6 +231,16 @@ class TaskEnv(VecEnv):
         self._counter.fill_(index)
         if self.depth is not None:
             self.depth.set_episode(index)
+
+    def depth_ranges(self) -> torch.Tensor:
+        """Return the depths that every world's image shows as nearest and farthest [m], (num_envs, 2).
+
+        There is a depth camera.
+        """
+        assert self.cfg.depth is not None
+        read = self.cfg.depth.filter
+        near_far = torch.tensor([read.near_m, read.far_m], dtype=torch.float64, device=self.device)
+        return near_far.repeat(self.num_envs, 1)
 
     def reset(self) -> TensorDict:
         """Start a new episode in every world and return its first observations."""

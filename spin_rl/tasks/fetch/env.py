@@ -40,6 +40,8 @@ class FetchEnv(ObjectChoice, CorridorEnv):
     """
 
     cfg: FetchConfig
+    outcomes = fetch_state.FETCH_OUTCOMES
+    stages = fetch_state.STAGES
     last_transition: FetchStep | None = None
 
     def __init__(
@@ -197,6 +199,16 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         """Start a new fetch in every world, forget the results, and return the first observations."""
         self._recorded.zero_()
         return super().reset()
+
+    def depth_ranges(self) -> torch.Tensor:
+        """Return the depths that every world's image shows as nearest and farthest [m], (num_envs, 2).
+
+        Images are those of the policy whose turn it is.
+        """
+        ranges = super().depth_ranges()
+        if self.cfg.pick_range_m is not None:
+            ranges[self.stage == self.stages.index("pick")] = ranges.new_tensor(self.cfg.pick_range_m)
+        return ranges
 
     def results(self) -> FetchEpisodes:
         """Copy to the host how the first fetch of every world after `reset` ended; waits for the device."""

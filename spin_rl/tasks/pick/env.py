@@ -27,6 +27,7 @@ class PickEnv(ObjectChoice, TaskEnv):
     """
 
     cfg: PickConfig
+    outcomes = pick_episode.PICK_OUTCOMES
     last_transition: PickTransition | None = None
 
     def __init__(

@@ -8,7 +8,7 @@ from spin_rl import robot
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common import episode, rewards
 from spin_rl.tasks.common.config import NavConfig
-from spin_rl.tasks.registry import env_config
+from spin_rl.tasks.nav.spec import NAV
 
 
 def transition(**values) -> rewards.Transition:
@@ -109,7 +109,7 @@ def test_zero_scales_are_left_out():
 )
 def test_paper_rewards_compose(name, scales):
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-        assert env_config(compose("train", [f"reward={name}"])).reward == scales
+        assert NAV.configure(compose("train", [f"reward={name}"])).reward == scales
 
 
 @pytest.mark.parametrize("scenario", [1, 2])
