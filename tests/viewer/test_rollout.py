@@ -185,7 +185,7 @@ def test_player_shows_stage_object_and_present_goal_of_fetches(device):
     table = first[0].scene.goal
 
     # The first robot has come to the table, folded what it holds, and is about to carry it back.
-    env.sim.views.qpos[0, :2] = env.sim.views.goal[0]
+    env.sim.views.qpos[0, :2] = env.goal[0]
     assert [state.stage for state in player.step()] == ["align", "reach"]
     for name, value in (("stage", STAGES.index("retract")), ("phase", 4), ("phase_time", 10)):
         wp.to_torch(getattr(env._state, name))[0] = value

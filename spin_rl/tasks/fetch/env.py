@@ -72,10 +72,10 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             camera_action=(),
             manipulation=cfg.manipulation,
         )
+        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
         limits = DriveLimits.create(robot.SPEED_PROFILES[cfg.robot_profile], device)
         with wp.ScopedDevice(device):
             self._allocate(cfg, limits)
-        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
         self.sight = Sight(
             self.sim, cfg.detector, cfg.sight, camera_mount=cfg.camera_mount, images=self.depth
         )
@@ -99,7 +99,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             max_length=round(cfg.limits.pick / cfg.sim.control_period),
             hold_steps=self._rules.hold_steps,
         )
-        nav = NavObservations(sim, self.scandots, cfg.noise, seed, self.depth)
+        nav = NavObservations(sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
         return FetchObservations(nav, pick, self.stage, self.depth, cfg.pick_range_m)
 
     def _allocate(self, cfg: FetchConfig, limits: DriveLimits) -> None:
@@ -110,7 +110,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         self._state.length = self._episode_length
         self._record = fetch_state.make_record(n, self.device)
         self._rules = _rules(cfg)
-        self._bodies = _bodies(sim)
+        self._bodies = _bodies(sim, self._goal)
         self._drive = fetch_script.Drive()
         for name in ("joint_low", "joint_default", "joint_high", "base_speed"):
             setattr(self._drive, name, getattr(limits, name))
@@ -171,6 +171,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         wp.launch(fetch_start._prepare_fetches, dim=self.num_envs, inputs=[mask], outputs=[sim.mode])
 
     def _begin_episodes(self, mask: wp.array) -> None:
+        super()._begin_episodes(mask)
         sim = self.sim
         wp.launch(
             fetch_start._begin_fetches,
@@ -245,7 +246,7 @@ def _rules(cfg: FetchConfig) -> fetch_state.FetchRules:
     return rules
 
 
-def _bodies(sim: Simulation) -> fetch_state.Bodies:
+def _bodies(sim: Simulation, goal: wp.array) -> fetch_state.Bodies:
     bodies = fetch_state.Bodies()
     bodies.qpos, bodies.qvel = sim.data.qpos, sim.data.qvel
     bodies.parts = sim.contacts.parts
@@ -253,7 +254,7 @@ def _bodies(sim: Simulation) -> fetch_state.Bodies:
     bodies.object_kind = sim.object.kind
     bodies.object_start = sim.object.start_pose
     bodies.half_extents = sim.object.half_extents
-    bodies.goal = sim.layout.goal
+    bodies.goal = goal
     bodies.slot_pos, bodies.slot_half = sim.layout.pos, sim.layout.half_size
     bodies.slot_yaw = sim.layout.yaw
     return bodies

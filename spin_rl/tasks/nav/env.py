@@ -70,7 +70,7 @@ class NavEnv(CorridorEnv):
         self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
-        self.observations = NavObservations(self.sim, self.scandots, cfg.noise, seed, self.depth)
+        self.observations = NavObservations(self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
@@ -78,8 +78,8 @@ class NavEnv(CorridorEnv):
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
         self._goal_distance_view = wp.to_torch(self._goal_distance)
-        # The goal before the step: layouts of worlds that ended have changed when rewards are computed.
-        self._goal_before = torch.zeros_like(self.sim.views.goal)
+        # The goal before the step: worlds that ended have new ones when rewards are computed.
+        self._goal_before = torch.zeros_like(self.goal)
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
 
     def _end_episodes(self) -> None:
@@ -91,7 +91,7 @@ class NavEnv(CorridorEnv):
                 sim.data.qpos,
                 sim.data.qvel,
                 sim.action,
-                sim.layout.goal,
+                self._goal,
                 sim.layout.bend,
                 sim.contacts.parts,
                 cfg.goal_tolerance_m,
@@ -127,6 +127,7 @@ class NavEnv(CorridorEnv):
             )
 
     def _begin_episodes(self, mask: wp.array) -> None:
+        super()._begin_episodes(mask)
         sim = self.sim
         wp.launch(
             episode._begin_episodes,
@@ -134,7 +135,7 @@ class NavEnv(CorridorEnv):
             inputs=[
                 mask,
                 sim.data.qpos,
-                sim.layout.goal,
+                self._goal,
                 sim.layout.bend,
                 self._seed,
                 self._lag_range,
@@ -145,7 +146,7 @@ class NavEnv(CorridorEnv):
         )
 
     def _before_step(self) -> None:
-        self._goal_before.copy_(self.sim.views.goal)
+        self._goal_before.copy_(self.goal)
 
     def _transition(self, action: torch.Tensor) -> rewards.Transition:
         qpos, qvel = self.final_qpos, self.final_qvel

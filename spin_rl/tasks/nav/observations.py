@@ -46,6 +46,7 @@ class NavObservations(Proprioception):
     def __init__(
         self,
         sim: Simulation,
+        goal: torch.Tensor,
         scandots: Scandots,
         noise: NoiseConfig,
         seed: int,
@@ -55,12 +56,14 @@ class NavObservations(Proprioception):
 
         Args:
             sim: The simulation to read.
+            goal: Where the base should go, world, a view [m], shape (num_envs, 2).
             scandots: Its scandot sensor.
             noise: Sensor noise.
             seed: Seed of the noise.
             depth: Its depth camera, if it has one.
         """
         super().__init__(sim, noise, seed)
+        self._goal = goal
         self._noise = noise
         self._depth = depth
         self._visible = wp.to_torch(scandots.visible).flatten(1)
@@ -82,7 +85,7 @@ class NavObservations(Proprioception):
 
     def _goal_in_base(self) -> torch.Tensor:
         qpos = self._views.qpos
-        return self.perturbed(rotate(self._views.goal - qpos[:, :2], qpos[:, 2:3]), self._noise.goal_m)
+        return self.perturbed(rotate(self._goal - qpos[:, :2], qpos[:, 2:3]), self._noise.goal_m)
 
     def _with_noise(self, tokens: torch.Tensor) -> torch.Tensor:
         if self._noise.scandots_m == 0.0:

@@ -27,7 +27,7 @@ def distance_to_slots(scene, at):
 def test_tells_the_pose_the_table_and_what_is_near(env):
     env.reset()
     for world in range(NUM_WORLDS):
-        stand_at(env, env.sim.views.goal[world] - torch.tensor([0.3 * world, 0.0]), world, 0.2 * world)
+        stand_at(env, env.goal[world] - torch.tensor([0.3 * world, 0.0]), world, 0.2 * world)
     env.sim.views.qpos[:, 9:11] = torch.tensor([0.1, 0.3])
     env.sim.views.qvel[:, 2] = 0.7
     env._knowledge.update()

@@ -13,7 +13,7 @@ from spin_rl.tasks.nav.observations import NoiseConfig
 
 def succeed(env, worlds):
     """One step in which some worlds reach their goals, which were moved to where they stand."""
-    env.sim.views.goal[worlds] = env.sim.views.qpos[worlds, :2]
+    env.goal[worlds] = env.sim.views.qpos[worlds, :2]
     env.step(env.sim.views.action.clone())
 
 

@@ -81,7 +81,7 @@ def test_proprio_and_goal(nav_env):
         xy = to_base(at[None, :2] - qpos[world, :2], yaw[world : world + 1])[0]
         np.testing.assert_allclose(parts["end_effector"][world], [*xy, at[2]], atol=1e-5)
 
-    goal = to_base(nav_env.sim.layout.goal.numpy() - qpos[:, :2], yaw)
+    goal = to_base(nav_env.goal.cpu().numpy() - qpos[:, :2], yaw)
     wanted = np.concatenate([goal, np.linalg.norm(goal, axis=1, keepdims=True)], axis=1) / GOAL_SCALE_M
     np.testing.assert_allclose(obs["goal"].cpu().numpy(), wanted, atol=1e-5)
 
