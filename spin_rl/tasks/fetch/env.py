@@ -10,7 +10,6 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridor_tables.generator import generate_fetch_scenes
-from spin_rl.scenes.corridors.walls import Slots
 from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
 from spin_rl.tasks.common import episode
@@ -21,6 +20,7 @@ from spin_rl.tasks.fetch import stages as fetch_stages
 from spin_rl.tasks.fetch import start as fetch_start
 from spin_rl.tasks.fetch import state as fetch_state
 from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.known import Knowledge
 from spin_rl.tasks.fetch.observations import FetchObservations
 from spin_rl.tasks.fetch.results import FetchEpisodes, FetchStatistics, FetchStep, read_record
 from spin_rl.tasks.fetch.scripts import kernel as fetch_script
@@ -118,21 +118,18 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         self._drive.carry_moves = wp.array(moves, dtype=wp.bool)
         self._drive.carry_lift = cfg.carry_lift_m
         self._drive.period = period
-        self._drive.table_slot = cfg.scene.table_slot
         self._drive.pick_speed = wp.vec2(
             cfg.manipulation.increments.forward_speed, cfg.manipulation.increments.turn_speed
         )
-        self._slots = Slots()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._slots, name, getattr(sim.layout, name))
+        self._knowledge = Knowledge(sim, self._forces, cfg.scene.table_slot)
 
     def _launch_step(self) -> None:
-        sim = self.sim
+        self._knowledge.update()
         wp.launch(
             fetch_script.script_actions,
             dim=self.num_envs,
-            inputs=[self._drive, self._slots, sim.data.qpos, sim.data.qvel, sim.target, self._forces],
-            outputs=[self._state, sim.action],
+            inputs=[self._drive, self._knowledge.known],
+            outputs=[self._state, self.sim.action],
         )
         super()._launch_step()
 
