@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from spin_rl.sensors.interface import Sensor
-from spin_rl.warp_kernels.clearance import Motion, Shapes, measure_clearance
+from spin_rl.warp_kernels.clearance import BodyMotion, Shapes, measure_clearance
 from spin_rl.warp_kernels.slots import slots_of
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Clearance(Sensor):
         self._limit = limit
         device = sim.device
         self._shapes = robot_shapes(sim.mj_model, device)
-        self._motion = Motion()
+        self._motion = BodyMotion()
         for name in ("geom_xpos", "geom_xmat", "cvel", "subtree_com"):
             setattr(self._motion, name, getattr(sim.data, name))
         self._motion.root = int(sim.mj_model.body("base").id)

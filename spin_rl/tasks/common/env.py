@@ -25,7 +25,7 @@ from spin_rl.tasks.common.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.common.health import HealthMonitor
 from spin_rl.tasks.common.proprioception import CAMERA_ACTIONS, camera_columns
-from spin_rl.tasks.common.rewards import Motion, Term
+from spin_rl.tasks.common.rewards import Term, Transition
 from spin_rl.tasks.common.statistics import EpisodeStatistics
 
 Scene = TypeVar("Scene", GeneratorParams, TabletopParams)
@@ -78,7 +78,7 @@ class TaskEnv(VecEnv):
     stages: tuple[str, ...] = ()
     observations: Observations
     statistics: EpisodeStatistics
-    last_transition: Motion | None = None
+    last_transition: Transition | None = None
 
     def __init__(
         self,
@@ -210,7 +210,7 @@ class TaskEnv(VecEnv):
     def _before_step(self) -> None:
         """Keep what the step will overwrite and rewards need."""
 
-    def _transition(self, action: torch.Tensor) -> Motion:
+    def _transition(self, action: torch.Tensor) -> Transition:
         """Describe the step that was made with an action, shape (num_envs, 10)."""
         raise NotImplementedError
 

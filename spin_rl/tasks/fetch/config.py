@@ -12,7 +12,7 @@ from spin_rl.tasks.common.config import CurriculumConfig, DynamicsConfig, Scando
 from spin_rl.tasks.common.object_choice import ANY_OBJECT, check_object
 from spin_rl.tasks.common.sight import SightConfig, check_detector
 from spin_rl.tasks.fetch.state import STAGES
-from spin_rl.tasks.nav.observations import NoiseConfig
+from spin_rl.tasks.nav.observations import NavNoise
 from spin_rl.tasks.pick.config import GRASP_SIM
 
 CARRY_SIM = replace(GRASP_SIM, impratio=400.0)
@@ -43,7 +43,7 @@ class StageLimits:
 
 
 @dataclass(frozen=True)
-class FetchNoise(NoiseConfig):
+class FetchNoise(NavNoise):
     """Sensor noise, standard deviations of zero-mean normal noise.
 
     Attributes:

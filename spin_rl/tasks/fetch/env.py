@@ -126,7 +126,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
     def _launch_step(self) -> None:
         self._knowledge.update()
         wp.launch(
-            fetch_script._script_actions,
+            fetch_script.script_actions,
             dim=self.num_envs,
             inputs=[self._drive, self._knowledge.known],
             outputs=[self._state, self.sim.action],
@@ -139,7 +139,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         sim.forward()
         # The object is seen as it was when the action was chosen.
         wp.launch(
-            fetch_stages._advance_stages,
+            fetch_stages.advance_stages,
             dim=self.num_envs,
             inputs=[self._bodies, self._forces, self._rules, sim.increments, self.sight.seen],
             outputs=[
@@ -168,13 +168,13 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             level=self._level,
             kind_choice=self._kind_choice,
         )
-        wp.launch(fetch_start._prepare_fetches, dim=self.num_envs, inputs=[mask], outputs=[sim.mode])
+        wp.launch(fetch_start.prepare_fetches, dim=self.num_envs, inputs=[mask], outputs=[sim.mode])
 
     def _begin_episodes(self, mask: wp.array) -> None:
         super()._begin_episodes(mask)
         sim = self.sim
         wp.launch(
-            fetch_start._begin_fetches,
+            fetch_start.begin_fetches,
             dim=self.num_envs,
             inputs=[
                 mask,
@@ -190,7 +190,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
     def _launch_reset(self, mask: wp.array) -> None:
         super()._launch_reset(mask)
         wp.launch(
-            fetch_start._watch_objects,
+            fetch_start.watch_objects,
             dim=self.num_envs,
             inputs=[self.sight.seen, self.sight.at],
             outputs=[self._state],

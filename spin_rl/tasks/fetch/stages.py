@@ -162,7 +162,7 @@ def _enter(
 
 
 @wp.kernel
-def _advance_stages(
+def advance_stages(
     # In
     b: Bodies,
     forces: Forces,
@@ -180,6 +180,7 @@ def _advance_stages(
     outcome_out: wp.array(dtype=wp.int32),
     done_out: wp.array(dtype=bool),
 ) -> None:
+    """Describe the control step just made, move on to next stages and end fetches, one thread per world."""
     w = wp.tid()
     stage = state.stage[w]
     if state.length[w] == 0:

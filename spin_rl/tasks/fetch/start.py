@@ -13,13 +13,14 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _watch_objects(
+def watch_objects(
     # In
     seen: wp.array(dtype=bool),
     at: wp.array(dtype=wp.vec3),
     # Out
     state: FetchState,
 ) -> None:
+    """Remember where objects were last seen, one thread per world."""
     w = wp.tid()
     if seen[w]:
         state.is_found[w] = True
@@ -27,19 +28,20 @@ def _watch_objects(
 
 
 @wp.kernel
-def _prepare_fetches(
+def prepare_fetches(
     # In
     mask: wp.array(dtype=bool),
     # Out
     mode_out: wp.array(dtype=wp.int32),
 ) -> None:
+    """Let the masked worlds' actions drive, one thread per world."""
     w = wp.tid()
     if mask[w]:
         mode_out[w] = ABSOLUTE
 
 
 @wp.kernel
-def _begin_fetches(
+def begin_fetches(
     # In
     mask: wp.array(dtype=bool),
     start: wp.array(dtype=wp.vec3),
@@ -54,6 +56,7 @@ def _begin_fetches(
     lag_out: wp.array2d(dtype=float),
     speed_scale_out: wp.array(dtype=float),
 ) -> None:
+    """Begin the masked worlds' fetches, one thread per world."""
     w = wp.tid()
     if not mask[w]:
         return

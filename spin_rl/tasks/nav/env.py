@@ -9,12 +9,14 @@ from spin_rl import robot
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.clearance import Clearance
-from spin_rl.tasks.common import episode, rewards
-from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
-from spin_rl.tasks.common.statistics import NavStatistics
+from spin_rl.tasks.common.episode import SUCCESS
+from spin_rl.tasks.nav import episode
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.observations import NavObservations
+from spin_rl.tasks.nav.rewards import TERMS, NavTransition
+from spin_rl.tasks.nav.statistics import NavStatistics
 
 
 class NavEnv(CorridorEnv):
@@ -24,7 +26,7 @@ class NavEnv(CorridorEnv):
     """
 
     cfg: NavConfig
-    last_transition: rewards.Transition | None = None
+    last_transition: NavTransition | None = None
 
     def __init__(
         self,
@@ -52,7 +54,7 @@ class NavEnv(CorridorEnv):
             device,
             seed,
             pool=PoolSpec() if scene is None else scene.pool,
-            terms=rewards.TERMS,
+            terms=TERMS,
             camera_action=[
                 robot.action_of(joint, at)
                 for joint, at in zip(robot.CAMERA_JOINTS, cfg.camera_pose or (), strict=False)
@@ -85,7 +87,7 @@ class NavEnv(CorridorEnv):
     def _end_episodes(self) -> None:
         sim, cfg = self.sim, self.cfg
         wp.launch(
-            episode._end_episodes,
+            episode.end_episodes,
             dim=self.num_envs,
             inputs=[
                 sim.data.qpos,
@@ -130,7 +132,7 @@ class NavEnv(CorridorEnv):
         super()._begin_episodes(mask)
         sim = self.sim
         wp.launch(
-            episode._begin_episodes,
+            episode.begin_episodes,
             dim=self.num_envs,
             inputs=[
                 mask,
@@ -148,16 +150,16 @@ class NavEnv(CorridorEnv):
     def _before_step(self) -> None:
         self._goal_before.copy_(self.goal)
 
-    def _transition(self, action: torch.Tensor) -> rewards.Transition:
+    def _transition(self, action: torch.Tensor) -> NavTransition:
         qpos, qvel = self.final_qpos, self.final_qvel
         to_goal = self._goal_before - qpos[:, :2]
         direction = to_goal / to_goal.norm(dim=-1, keepdim=True).clamp_min(1e-6)
-        return rewards.Transition(
+        return NavTransition(
             progress=self._progress_view,
             goal_distance=self._goal_distance_view,
             goal_speed=(qvel[:, :2] * direction).sum(-1),
             qvel=qvel,
-            success=self.outcome == episode.SUCCESS,
+            success=self.outcome == SUCCESS,
             collision=self.sim.views.part_contacts.any(-1),
             self_contact=self.sim.views.self_contact,
             action=action,

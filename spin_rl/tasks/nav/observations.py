@@ -22,13 +22,13 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, rotate
 
-GROUPS = ("proprio", "goal", "scandots", "scandots_all")
-OPTIONAL_GROUPS = ("depth",)
+NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+NAV_OPTIONAL_GROUPS = ("depth",)
 GOAL_SCALE_M = 2.5
 
 
 @dataclass(frozen=True)
-class NoiseConfig(ProprioNoise):
+class NavNoise(ProprioNoise):
     """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
 
     Attributes:
@@ -48,7 +48,7 @@ class NavObservations(Proprioception):
         sim: Simulation,
         goal: torch.Tensor,
         scandots: Scandots,
-        noise: NoiseConfig,
+        noise: NavNoise,
         seed: int,
         depth: DepthImages | None = None,
     ) -> None:

@@ -114,7 +114,7 @@ class PickEnv(ObjectChoice, TaskEnv):
         # Poses of the gripper are those of the last substep's start until now.
         sim.forward()
         wp.launch(
-            pick_episode._end_picks,
+            pick_episode.end_picks,
             dim=self.num_envs,
             inputs=[
                 sim.data.qpos,
@@ -135,7 +135,7 @@ class PickEnv(ObjectChoice, TaskEnv):
     def _draw_scenes(self, mask: wp.array) -> None:
         sim, cfg = self.sim, self.cfg
         wp.launch(
-            pick_episode._set_near_share,
+            pick_episode.set_near_share,
             dim=self.num_envs,
             inputs=[self._level, cfg.curriculum.start, *cfg.near_share],
             outputs=[self._near_share],
@@ -155,7 +155,7 @@ class PickEnv(ObjectChoice, TaskEnv):
     def _begin_episodes(self, mask: wp.array) -> None:
         sim = self.sim
         wp.launch(
-            pick_episode._begin_picks,
+            pick_episode.begin_picks,
             dim=self.num_envs,
             inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
             outputs=[self._progress, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],

@@ -152,7 +152,7 @@ def _describe(
 
 
 @wp.kernel
-def _end_picks(
+def end_picks(
     # In
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
@@ -173,6 +173,7 @@ def _end_picks(
     outcome_out: wp.array(dtype=wp.int32),
     done_out: wp.array(dtype=bool),
 ) -> None:
+    """Describe the control step just made and end episodes, one thread per world."""
     w = wp.tid()
     progress.length[w] = progress.length[w] + 1
     finite = copy_if_finite(qpos, w, final_qpos_out)
@@ -232,7 +233,7 @@ def _end_picks(
 
 
 @wp.kernel
-def _set_near_share(
+def set_near_share(
     # In
     level: wp.array(dtype=float),
     start_level: float,
@@ -241,13 +242,14 @@ def _set_near_share(
     # Out
     near_share_out: wp.array(dtype=float),
 ) -> None:
+    """Set the share of near starts of every world's level, one thread per world."""
     w = wp.tid()
     way = wp.clamp((level[w] - start_level) / wp.max(1.0 - start_level, 1.0e-6), 0.0, 1.0)
     near_share_out[w] = first_share + way * (last_share - first_share)
 
 
 @wp.kernel
-def _begin_picks(
+def begin_picks(
     # In
     mask: wp.array(dtype=bool),
     seed: wp.array(dtype=wp.int32),
@@ -261,6 +263,7 @@ def _begin_picks(
     lag_out: wp.array2d(dtype=float),
     speed_scale_out: wp.array(dtype=float),
 ) -> None:
+    """Clear what is remembered of the masked worlds' last episodes and draw their servos."""
     w = wp.tid()
     if not mask[w]:
         return

@@ -7,8 +7,9 @@ import pytest
 import torch
 from nav_worlds import actions, assert_same, run
 
-from spin_rl.tasks.common.config import CurriculumConfig, NavConfig
-from spin_rl.tasks.nav.observations import NoiseConfig
+from spin_rl.tasks.common.config import CurriculumConfig
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import NavNoise
 
 
 def succeed(env, worlds):
@@ -70,7 +71,7 @@ def test_level_narrows_and_fills_the_corridor(nav_env, level, width, most):
 
 
 def test_saved_state_continues_with_the_same_episodes(make_nav_env):
-    noise = NoiseConfig(0.01, 0.01, 0.01, 0.01, 0.01)
+    noise = NavNoise(0.01, 0.01, 0.01, 0.01, 0.01)
     cfg = NavConfig(episode_s=0.6, noise=noise, curriculum=CurriculumConfig(start=0.4, down=0.1))
     env = make_nav_env(cfg, 4, seed=9)
     succeed(env, [1])

@@ -11,10 +11,10 @@ from spin_rl import robot
 from spin_rl.scenes.builder import PARKED_Z_M, native_model
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
-from spin_rl.tasks.nav.observations import NoiseConfig
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import NavNoise
 
-NOISE = NoiseConfig(0.005, 0.02, 0.02, 0.02, 0.01)
+NOISE = NavNoise(0.005, 0.02, 0.02, 0.02, 0.01)
 
 
 def reset_worlds(env, worlds):

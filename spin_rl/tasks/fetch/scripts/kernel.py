@@ -73,7 +73,7 @@ def _is_still(move: wp.vec2) -> bool:
 
 
 @wp.kernel
-def _script_actions(
+def script_actions(
     # Parameters
     drive: Drive,
     # In
@@ -82,6 +82,7 @@ def _script_actions(
     state: FetchState,
     action: wp.array2d(dtype=float),
 ) -> None:
+    """Replace the actions of scripted stages, one thread per world."""
     w = wp.tid()
     stage = state.stage[w]
     if stage == REACH:
