@@ -55,7 +55,8 @@ class CorridorEnv(TaskEnv):
         )
 
     def _begin_episodes(self, mask: wp.array) -> None:
-        """Take over the goals of the masked worlds' new layouts."""
+        """Also take over the goals of the masked worlds' new layouts."""
+        super()._begin_episodes(mask)
         wp.launch(_take_goals, dim=self.num_envs, inputs=[mask, self.sim.layout.goal], outputs=[self._goal])
 
     def set_cells(self, scenario: torch.Tensor | list[int], difficulty: torch.Tensor | list[int]) -> None:

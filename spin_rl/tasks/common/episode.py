@@ -1,3 +1,5 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """How episodes end, and what is drawn when they begin."""
 
 import warp as wp
@@ -10,17 +12,87 @@ NON_FINITE = wp.constant(4)
 
 OUTCOMES = ("running", "success", "collision", "timeout", "non_finite")
 
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class StepEnd:
+    """How a control step left every world, before those that ended are reset; leading axis nworld."""
+
+    qpos: wp.array2d[float]
+    qvel: wp.array2d[float]
+    outcome: wp.array[int]
+    done: wp.array[wp.bool]
+
 
 @wp.func
-def draw_servos(
-    seed: int,
-    w: int,
-    episode: int,
+def _keep(w: int, row: wp.array2d[float], kept: wp.array2d[float]) -> bool:
+    finite = bool(True)
+    for i in range(row.shape[1]):
+        kept[w, i] = row[w, i]
+        if not wp.isfinite(row[w, i]):
+            finite = False
+    return finite
+
+
+@wp.func
+def keep_state(
+    w: int, qpos: wp.array2d[float], qvel: wp.array2d[float], action: wp.array2d[float], end: StepEnd
+) -> bool:
+    """Keep a world's positions and velocities; whether they and the action are finite, else zeros are kept.
+
+    Zeros keep the rewards of the step finite; the world itself is to be reset.
+    """
+    finite = _keep(w, qpos, end.qpos)
+    finite = _keep(w, qvel, end.qvel) and finite
+    for i in range(action.shape[1]):
+        if not wp.isfinite(action[w, i]):
+            finite = False
+    if not finite:
+        for i in range(qpos.shape[1]):
+            end.qpos[w, i] = 0.0
+        for i in range(qvel.shape[1]):
+            end.qvel[w, i] = 0.0
+    return finite
+
+
+@wp.func
+def put_outcome(w: int, outcome: int, end: StepEnd) -> None:
+    """Write how a world's episode ended, or that it goes on."""
+    end.outcome[w] = outcome
+    end.done[w] = outcome != RUNNING
+
+
+@wp.func
+def move_level(w: int, outcome: int, up: float, down: float, level: wp.array[float]) -> None:
+    """Move a world's level up after a success and down after any other end, within [0, 1]."""
+    if outcome == SUCCESS:
+        level[w] = wp.min(level[w] + up, 1.0)
+    elif outcome != RUNNING:
+        level[w] = wp.max(level[w] - down, 0.0)
+
+
+@wp.kernel
+def begin(
+    # In
+    mask: wp.array(dtype=bool),
+    seed: wp.array(dtype=wp.int32),
     lag_range: wp.array2d(dtype=float),
     speed_range: wp.array(dtype=float),
-) -> wp.vec3:
-    """Draw the time constants of base and joints [s] and the factor on all speeds of a world's episode."""
-    rng = wp.rand_init(seed + 7919, w * 1000003 + episode)
-    base = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
-    joint = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
-    return wp.vec3(base, joint, wp.randf(rng, speed_range[0], speed_range[1]))
+    # In and out
+    counter: wp.array(dtype=wp.int32),
+    # Out
+    length_out: wp.array(dtype=wp.int32),
+    lag_out: wp.array2d(dtype=float),
+    speed_scale_out: wp.array(dtype=float),
+) -> None:
+    """Count the masked worlds' steps anew, and draw the servos' time constants [s] and speed factors."""
+    w = wp.tid()
+    if not mask[w]:
+        return
+    length_out[w] = 0
+    rng = wp.rand_init(seed[0] + 7919, w * 1000003 + counter[w])
+    counter[w] = counter[w] + 1
+    lag_out[w, 0] = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
+    lag_out[w, 1] = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
+    speed_scale_out[w] = wp.randf(rng, speed_range[0], speed_range[1])

@@ -147,10 +147,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
                 self._record,
                 sim.mode,
                 sim.action,
-                self._final_qpos,
-                self._final_qvel,
-                self._outcome,
-                self._done,
+                self._end,
             ],
         )
 
@@ -172,19 +169,11 @@ class FetchEnv(ObjectChoice, CorridorEnv):
 
     def _begin_episodes(self, mask: wp.array) -> None:
         super()._begin_episodes(mask)
-        sim = self.sim
         wp.launch(
             fetch_start.begin_fetches,
             dim=self.num_envs,
-            inputs=[
-                mask,
-                sim.layout.start,
-                self._seed,
-                self._lag_range,
-                self._speed_range,
-                self._counter,
-            ],
-            outputs=[self._state, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask, self.sim.layout.start],
+            outputs=[self._state, self._forces],
         )
 
     def _launch_reset(self, mask: wp.array) -> None:

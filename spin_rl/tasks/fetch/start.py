@@ -5,9 +5,8 @@
 import warp as wp
 
 from spin_rl.sim.targets import ABSOLUTE
-from spin_rl.tasks.common.episode import draw_servos
 from spin_rl.tasks.fetch.state import REACH, FetchState
-from spin_rl.tasks.pick.episode import Forces
+from spin_rl.tasks.pick.episode import Forces, clear_forces
 
 wp.set_module_options({"enable_backward": False})
 
@@ -45,16 +44,9 @@ def begin_fetches(
     # In
     mask: wp.array(dtype=bool),
     start: wp.array(dtype=wp.vec3),
-    seed: wp.array(dtype=wp.int32),
-    lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
-    # In and out
-    counter: wp.array(dtype=wp.int32),
     # Out
     state: FetchState,
     forces: Forces,
-    lag_out: wp.array2d(dtype=float),
-    speed_scale_out: wp.array(dtype=float),
 ) -> None:
     """Begin the masked worlds' fetches, one thread per world."""
     w = wp.tid()
@@ -62,7 +54,6 @@ def begin_fetches(
         return
     state.stage[w] = REACH
     state.time[w] = 0
-    state.length[w] = 0
     state.phase[w] = 0
     state.phase_time[w] = 0
     state.ready[w] = False
@@ -78,13 +69,4 @@ def begin_fetches(
     state.home[w] = wp.vec2(start[w][0], start[w][1])
     state.grip[w] = wp.vec2(0.0, 0.0)
     state.is_found[w] = False
-    forces.finger[w, 0] = 0.0
-    forces.finger[w, 1] = 0.0
-    forces.table[w] = 0.0
-    forces.hard[w] = 0.0
-    forces.support[w] = True
-    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
-    counter[w] = counter[w] + 1
-    lag_out[w, 0] = drawn[0]
-    lag_out[w, 1] = drawn[1]
-    speed_scale_out[w] = drawn[2]
+    clear_forces(w, forces)

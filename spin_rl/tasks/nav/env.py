@@ -105,14 +105,7 @@ class NavEnv(CorridorEnv):
                 self._distance,
                 self._level,
             ],
-            outputs=[
-                self._progress,
-                self._goal_distance,
-                self._final_qpos,
-                self._final_qvel,
-                self._outcome,
-                self._done,
-            ],
+            outputs=[self._progress, self._goal_distance, self._end],
         )
 
     def _draw_scenes(self, mask: wp.array) -> None:
@@ -134,17 +127,8 @@ class NavEnv(CorridorEnv):
         wp.launch(
             episode.begin_episodes,
             dim=self.num_envs,
-            inputs=[
-                mask,
-                sim.data.qpos,
-                self._goal,
-                sim.layout.bend,
-                self._seed,
-                self._lag_range,
-                self._speed_range,
-                self._counter,
-            ],
-            outputs=[self._episode_length, self._distance, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask, sim.data.qpos, self._goal, sim.layout.bend],
+            outputs=[self._distance],
         )
 
     def _before_step(self) -> None:

@@ -1,8 +1,22 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
 """Kernels that end and begin navigation episodes on the device."""
 
 import warp as wp
 
-from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT, draw_servos
+from spin_rl.tasks.common.episode import (
+    COLLISION,
+    NON_FINITE,
+    RUNNING,
+    SUCCESS,
+    TIMEOUT,
+    StepEnd,
+    keep_state,
+    move_level,
+    put_outcome,
+)
+
+wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
@@ -40,24 +54,11 @@ def end_episodes(
     # Out
     progress_out: wp.array(dtype=float),
     goal_distance_out: wp.array(dtype=float),
-    final_qpos_out: wp.array2d(dtype=float),
-    final_qvel_out: wp.array2d(dtype=float),
-    outcome_out: wp.array(dtype=wp.int32),
-    done_out: wp.array(dtype=bool),
+    end: StepEnd,
 ) -> None:
     """Describe the control step just made and end episodes, one thread per world."""
     w = wp.tid()
     episode_length[w] = episode_length[w] + 1
-
-    finite = bool(True)
-    for i in range(qpos.shape[1]):
-        final_qpos_out[w, i] = qpos[w, i]
-        final_qvel_out[w, i] = qvel[w, i]
-        if not wp.isfinite(qpos[w, i]) or not wp.isfinite(qvel[w, i]):
-            finite = False
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
 
     touched = bool(False)
     for part in range(part_contacts.shape[1]):
@@ -65,12 +66,8 @@ def end_episodes(
             touched = True
 
     outcome = RUNNING
-    if not finite:
+    if not keep_state(w, qpos, qvel, action, end):
         outcome = NON_FINITE
-        # Zeros keep the rewards of this step finite; the world itself is reset below.
-        for i in range(qpos.shape[1]):
-            final_qpos_out[w, i] = 0.0
-            final_qvel_out[w, i] = 0.0
         progress_out[w] = 0.0
         goal_distance_out[w] = distance[w]
     else:
@@ -85,12 +82,8 @@ def end_episodes(
             outcome = SUCCESS
         elif episode_length[w] >= max_length:
             outcome = TIMEOUT
-    outcome_out[w] = outcome
-    done_out[w] = outcome != RUNNING
-    if outcome == SUCCESS:
-        level[w] = wp.min(level[w] + level_up, 1.0)
-    elif outcome != RUNNING:
-        level[w] = wp.max(level[w] - level_down, 0.0)
+    put_outcome(w, outcome, end)
+    move_level(w, outcome, level_up, level_down, level)
 
 
 @wp.kernel
@@ -100,25 +93,10 @@ def begin_episodes(
     qpos: wp.array2d(dtype=float),
     goal: wp.array(dtype=wp.vec2),
     bend: wp.array(dtype=wp.int32),
-    seed: wp.array(dtype=wp.int32),
-    lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
-    # In and out
-    counter: wp.array(dtype=wp.int32),
     # Out
-    episode_length_out: wp.array(dtype=wp.int32),
     distance_out: wp.array(dtype=float),
-    lag_out: wp.array2d(dtype=float),
-    speed_scale_out: wp.array(dtype=float),
 ) -> None:
     """Begin the masked worlds' episodes at their start poses, one thread per world."""
     w = wp.tid()
-    if not mask[w]:
-        return
-    episode_length_out[w] = 0
-    distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
-    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
-    counter[w] = counter[w] + 1
-    lag_out[w, 0] = drawn[0]
-    lag_out[w, 1] = drawn[1]
-    speed_scale_out[w] = drawn[2]
+    if mask[w]:
+        distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])

@@ -129,7 +129,7 @@ class PickEnv(ObjectChoice, TaskEnv):
                 self._rules,
                 self._progress,
             ],
-            outputs=[self._step_arrays, self._final_qpos, self._final_qvel, self._outcome, self._done],
+            outputs=[self._step_arrays, self._end],
         )
 
     def _draw_scenes(self, mask: wp.array) -> None:
@@ -153,12 +153,12 @@ class PickEnv(ObjectChoice, TaskEnv):
         )
 
     def _begin_episodes(self, mask: wp.array) -> None:
-        sim = self.sim
+        super()._begin_episodes(mask)
         wp.launch(
             pick_episode.begin_picks,
             dim=self.num_envs,
-            inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
-            outputs=[self._progress, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask],
+            outputs=[self._progress, self._forces],
         )
 
     def _before_step(self) -> None:

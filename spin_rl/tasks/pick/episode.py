@@ -16,7 +16,10 @@ from spin_rl.tasks.common.episode import (
     RUNNING,
     SUCCESS,
     TIMEOUT,
-    draw_servos,
+    StepEnd,
+    keep_state,
+    move_level,
+    put_outcome,
 )
 
 DROPPED = wp.constant(len(OUTCOMES))
@@ -96,14 +99,13 @@ class Progress:
 
 
 @wp.func
-def copy_if_finite(row: wp.array2d(dtype=float), w: int, kept_out: wp.array2d(dtype=float)) -> bool:
-    """Whether all values of a world are finite; copies them, or zeros."""
-    finite = bool(True)
-    for i in range(row.shape[1]):
-        kept_out[w, i] = row[w, i]
-        if not wp.isfinite(row[w, i]):
-            finite = False
-    return finite
+def clear_forces(w: int, forces: Forces) -> None:
+    """Forget a world's forces: nothing touches anything, and the object stands."""
+    forces.finger[w, 0] = 0.0
+    forces.finger[w, 1] = 0.0
+    forces.table[w] = 0.0
+    forces.hard[w] = 0.0
+    forces.support[w] = True
 
 
 @wp.func
@@ -168,33 +170,16 @@ def end_picks(
     progress: Progress,
     # Out
     out: StepArrays,
-    final_qpos_out: wp.array2d(dtype=float),
-    final_qvel_out: wp.array2d(dtype=float),
-    outcome_out: wp.array(dtype=wp.int32),
-    done_out: wp.array(dtype=bool),
+    end: StepEnd,
 ) -> None:
     """Describe the control step just made and end episodes, one thread per world."""
     w = wp.tid()
     progress.length[w] = progress.length[w] + 1
-    finite = copy_if_finite(qpos, w, final_qpos_out)
-    finite = copy_if_finite(qvel, w, final_qvel_out) and finite
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
-
     outcome = RUNNING
     out.time_out[w] = False
-    if not finite:
+    if not keep_state(w, qpos, qvel, action, end):
         outcome = NON_FINITE
-        # Zeros keep the rewards of this step finite; the world itself is reset.
-        for i in range(qpos.shape[1]):
-            final_qpos_out[w, i] = 0.0
-        for i in range(qvel.shape[1]):
-            final_qvel_out[w, i] = 0.0
-        forces.finger[w, 0] = 0.0
-        forces.finger[w, 1] = 0.0
-        forces.table[w] = 0.0
-        forces.hard[w] = 0.0
+        clear_forces(w, forces)
         _describe(w, wp.vec3(1.0, 0.0, 0.0), 0.0, 0.0, forces, rules, out)
         out.success[w] = False
         out.dropped[w] = False
@@ -224,12 +209,8 @@ def end_picks(
             outcome = SUCCESS
     progress.hard_peak[w] = wp.max(progress.hard_peak[w], forces.hard[w])
     out.hard_peak[w] = progress.hard_peak[w]
-    outcome_out[w] = outcome
-    done_out[w] = outcome != RUNNING
-    if outcome == SUCCESS:
-        progress.level[w] = wp.min(progress.level[w] + rules.level_up, 1.0)
-    elif outcome != RUNNING:
-        progress.level[w] = wp.max(progress.level[w] - rules.level_down, 0.0)
+    put_outcome(w, outcome, end)
+    move_level(w, outcome, rules.level_up, rules.level_down, progress.level)
 
 
 @wp.kernel
@@ -252,35 +233,18 @@ def set_near_share(
 def begin_picks(
     # In
     mask: wp.array(dtype=bool),
-    seed: wp.array(dtype=wp.int32),
-    lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
-    # In and out
-    counter: wp.array(dtype=wp.int32),
     # Out
     progress: Progress,
     forces: Forces,
-    lag_out: wp.array2d(dtype=float),
-    speed_scale_out: wp.array(dtype=float),
 ) -> None:
-    """Clear what is remembered of the masked worlds' last episodes and draw their servos."""
+    """Begin the masked worlds' episodes, one thread per world."""
     w = wp.tid()
     if not mask[w]:
         return
-    progress.length[w] = 0
     progress.held[w] = 0
     progress.succeeded[w] = False
     progress.hard_peak[w] = 0.0
-    forces.finger[w, 0] = 0.0
-    forces.finger[w, 1] = 0.0
-    forces.table[w] = 0.0
-    forces.hard[w] = 0.0
-    forces.support[w] = True
-    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
-    counter[w] = counter[w] + 1
-    lag_out[w, 0] = drawn[0]
-    lag_out[w, 1] = drawn[1]
-    speed_scale_out[w] = drawn[2]
+    clear_forces(w, forces)
 
 
 @dataclass

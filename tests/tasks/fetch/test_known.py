@@ -76,7 +76,7 @@ def test_scripts_act_on_what_is_known_and_on_nothing_else(env, stage, phase):
         state(env, "is_found").fill_(True)
         env.sim.views.action[:] = 0.5
         wp.launch(
-            kernel._script_actions,
+            kernel.script_actions,
             dim=NUM_WORLDS,
             inputs=[env._drive, env._knowledge.known],
             outputs=[env._state, env.sim.action],
