@@ -6,6 +6,8 @@ from typing import Protocol
 
 import warp as wp
 
+from spin_rl.warp_kernels.structs import struct_of
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -36,10 +38,7 @@ class Slots:
 
 def slots_of(arrays: SlotArrays) -> Slots:
     """Make the struct of arrays, which it shares."""
-    slots = Slots()
-    for name in Slots.vars:
-        setattr(slots, name, getattr(arrays, name))
-    return slots
+    return struct_of(Slots, arrays)
 
 
 @wp.func

@@ -3,11 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from spin_rl import robot
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sim import SimConfig
+
+_UNITS = ("_m", "_s", "_n")
+
+
+def require_positive(config: object, path: str, names: Iterable[str] | None = None) -> None:
+    """Reject lengths, times and forces that are none.
+
+    Args:
+        config: A dataclass.
+        path: Where it stands in the configuration, for messages.
+        names: Fields to check; None takes all numbers whose name ends with a unit.
+
+    Raises:
+        ValueError: One of them is not positive or not finite.
+    """
+    with_unit = (n for n, v in vars(config).items() if n.endswith(_UNITS) and isinstance(v, int | float))
+    for name in with_unit if names is None else names:
+        value = getattr(config, name)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{path}.{name} must be positive, got {value}")
 
 
 @dataclass(frozen=True)
@@ -73,10 +94,7 @@ class ScandotsConfig:
 
     def __post_init__(self) -> None:
         """Reject lengths that are none."""
-        for name in ("window_m", "near_m"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"task.scandots.{name} must be positive, got {value}")
+        require_positive(self, "task.scandots")
 
 
 @dataclass(frozen=True)
@@ -118,3 +136,29 @@ class TaskConfig:
                 raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
         if not self.sim.control_period < self.episode_s < math.inf:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
+        require_positive(self, "task")
+
+
+@dataclass(frozen=True)
+class CorridorConfig(TaskConfig):
+    """What tasks in corridors have.
+
+    Attributes:
+        goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
+        scenario: 1 straight, 2 L-shaped, 0 a mix of both.
+        difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
+        scandots: What the camera sees of obstacles.
+    """
+
+    goal_tolerance_m: float = 0.15
+    scenario: int = 0
+    difficulty: int = -1
+    scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        super().__post_init__()
+        if self.scenario not in (0, 1, 2):
+            raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
+        if self.difficulty not in (-1, 0, 1, 2):
+            raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")

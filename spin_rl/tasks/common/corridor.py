@@ -5,7 +5,7 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.sensors.scandots import Scandots
-from spin_rl.tasks.common.config import ScandotsConfig
+from spin_rl.tasks.common.config import CorridorConfig
 from spin_rl.tasks.common.env import TaskEnv
 
 wp.set_module_options({"enable_backward": False})
@@ -34,12 +34,12 @@ class CorridorEnv(TaskEnv):
 
     scandots: Scandots
 
-    def _make_corridors(self, scenario: int, difficulty: int, scandots: ScandotsConfig) -> None:
+    def _make_corridors(self, cfg: CorridorConfig) -> None:
         """Allocate the choice of every world's next corridor, the goals and the sensor."""
         sim = self.sim
         with wp.ScopedDevice(self.device):
-            self._scenario_choice = wp.full(self.num_envs, scenario, dtype=wp.int32)
-            self._difficulty_choice = wp.full(self.num_envs, difficulty, dtype=wp.int32)
+            self._scenario_choice = wp.full(self.num_envs, cfg.scenario, dtype=wp.int32)
+            self._difficulty_choice = wp.full(self.num_envs, cfg.difficulty, dtype=wp.int32)
             self._goal = wp.zeros(self.num_envs, dtype=wp.vec2)
         self.goal = wp.to_torch(self._goal)
         self.scandots = Scandots(
@@ -48,10 +48,10 @@ class CorridorEnv(TaskEnv):
             site_xpos=sim.data.site_xpos,
             site_xmat=sim.data.site_xmat,
             camera_site=sim.mj_model.site(robot.CAMERA_SITE).id,
-            tan_half_fov=robot.camera_tan_half_fov(self.cfg.camera_mount),
-            window=scandots.window_m,
-            near=scandots.near_m,
-            occlusion=scandots.occlusion,
+            tan_half_fov=robot.camera_tan_half_fov(cfg.camera_mount),
+            window=cfg.scandots.window_m,
+            near=cfg.scandots.near_m,
+            occlusion=cfg.scandots.occlusion,
         )
 
     def _begin_episodes(self, mask: wp.array) -> None:

@@ -61,10 +61,10 @@ def _distance_to(w: int, b: Bodies, point: wp.vec2) -> float:
 @wp.func
 def _is_on_table(w: int, at: wp.vec3, b: Bodies, rules: FetchRules) -> bool:
     """Whether the object's centre is over the table and not below its top."""
-    centre = b.slot_pos[w, rules.table_slot]
-    half = b.slot_half[w, rules.table_slot]
-    c = wp.cos(b.slot_yaw[w, rules.table_slot])
-    s = wp.sin(b.slot_yaw[w, rules.table_slot])
+    centre = b.slots.pos[w, rules.table_slot]
+    half = b.slots.half_size[w, rules.table_slot]
+    c = wp.cos(b.slots.yaw[w, rules.table_slot])
+    s = wp.sin(b.slots.yaw[w, rules.table_slot])
     x = c * (at[0] - centre[0]) + s * (at[1] - centre[1])
     y = c * (at[1] - centre[1]) - s * (at[0] - centre[0])
     return at[2] > centre[2] + half[2] and wp.abs(x) < half[0] and wp.abs(y) < half[1]
@@ -73,7 +73,8 @@ def _is_on_table(w: int, at: wp.vec3, b: Bodies, rules: FetchRules) -> bool:
 @wp.func
 def _is_lost(w: int, at: wp.vec3, b: Bodies, rules: FetchRules) -> bool:
     """Whether the object has fallen off the table."""
-    return at[2] < b.slot_pos[w, rules.table_slot][2] + b.slot_half[w, rules.table_slot][2] - rules.fall
+    top = b.slots.pos[w, rules.table_slot][2] + b.slots.half_size[w, rules.table_slot][2]
+    return at[2] < top - rules.fall_m
 
 
 @wp.func
@@ -85,7 +86,7 @@ def _is_hit(w: int, stage: int, b: Bodies, forces: Forces, rules: FetchRules) ->
             if b.parts[w, part]:
                 touched = True
         return touched
-    return forces.hard[w] > rules.hard_force
+    return forces.hard[w] > rules.hard_force_n
 
 
 @wp.func
@@ -100,8 +101,8 @@ def _retry(w: int, rules: FetchRules, state: FetchState) -> int:
 @wp.func
 def _after_pick(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: FetchState) -> int:
     """The stage after this step of picking; -1 if the attempts are used up."""
-    at = _object_at(w, b)
-    lifted = is_lifted(w, at[2] - state.rest[w], forces, rules.grasp_force, rules.finger_force, rules.lift)
+    height = _object_at(w, b)[2] - state.rest[w]
+    lifted = is_lifted(w, height, forces, rules.grasp_force_n, rules.finger_force_n, rules.lift_m)
     if forces.support[w]:
         # As it leaves the table: held like that, the object stands upright.
         state.grip[w] = wp.vec2(b.qpos[w, _PITCH], b.qpos[w, _ROLL])
@@ -128,7 +129,7 @@ def _is_placed(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: Fetc
     at = _object_at(w, b)
     speed = wp.vec3(b.qvel[w, _OBJECT], b.qvel[w, _OBJECT + 1], b.qvel[w, _OBJECT + 2])
     low = at[2] < 1.1 * wp.length(b.half_extents[w])
-    near = wp.length(wp.vec2(at[0], at[1]) - state.home[w]) < rules.place
+    near = wp.length(wp.vec2(at[0], at[1]) - state.home[w]) < rules.place_m
     return state.ready[w] and low and near and forces.support[w] and wp.length(speed) < _REST_SPEED
 
 
@@ -209,7 +210,7 @@ def advance_stages(
     elif _is_hit(w, stage, b, forces, rules):
         outcome = COLLISION
     elif stage == REACH:
-        if _distance_to(w, b, b.goal[w]) < rules.goal_tolerance:
+        if _distance_to(w, b, b.goal[w]) < rules.goal_tolerance_m:
             state.reached[w] = True
             after = ALIGN
     elif stage == ALIGN:
@@ -238,11 +239,11 @@ def advance_stages(
         if state.ready[w]:
             after = CARRY
     elif stage == CARRY:
-        if _distance_to(w, b, b.goal[w]) < rules.home_tolerance:
+        if _distance_to(w, b, b.goal[w]) < rules.home_tolerance_m:
             after = PLACE
     if outcome == RUNNING and after == stage and state.time[w] >= rules.limits[stage]:
         outcome = TIMEOUT
-    if outcome == RUNNING and state.length[w] >= rules.max_length:
+    if outcome == RUNNING and state.length[w] >= rules.episode_steps:
         outcome = TIMEOUT
 
     put_outcome(w, outcome, end)

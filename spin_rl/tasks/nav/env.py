@@ -12,6 +12,7 @@ from spin_rl.sensors.clearance import Clearance
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
 from spin_rl.tasks.common.episode import SUCCESS
+from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.nav import episode
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.observations import NavObservations
@@ -69,7 +70,8 @@ class NavEnv(CorridorEnv):
             self._distance = wp.zeros(num_envs, dtype=float)
             self._progress = wp.zeros(num_envs, dtype=float)
             self._goal_distance = wp.zeros(num_envs, dtype=float)
-        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
+        self._rules = rules_of(episode.NavRules, cfg, level_up=self._moves.up, level_down=self._moves.down)
+        self._make_corridors(cfg)
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         self.observations = NavObservations(self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
@@ -85,7 +87,7 @@ class NavEnv(CorridorEnv):
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
 
     def _end_episodes(self) -> None:
-        sim, cfg = self.sim, self.cfg
+        sim = self.sim
         wp.launch(
             episode.end_episodes,
             dim=self.num_envs,
@@ -96,11 +98,7 @@ class NavEnv(CorridorEnv):
                 self._goal,
                 sim.layout.bend,
                 sim.contacts.parts,
-                cfg.goal_tolerance_m,
-                self.max_episode_length,
-                cfg.stop_on_collision,
-                self._moves.up,
-                self._moves.down,
+                self._rules,
                 self._episode_length,
                 self._distance,
                 self._level,

@@ -19,6 +19,17 @@ from spin_rl.tasks.common.episode import (
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class NavRules:
+    """When an episode ends; see `NavConfig`."""
+
+    episode_steps: int
+    goal_tolerance_m: float
+    stop_on_collision: bool
+    level_up: float
+    level_down: float
+
+
 @wp.func
 def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
     """Path length left to the goal [m]: straight, or along the two legs of an L-shaped corridor.
@@ -42,11 +53,7 @@ def end_episodes(
     goal: wp.array(dtype=wp.vec2),
     bend: wp.array(dtype=wp.int32),
     part_contacts: wp.array2d(dtype=bool),
-    goal_tolerance: float,
-    max_length: int,
-    stop_on_collision: bool,
-    level_up: float,
-    level_down: float,
+    rules: NavRules,
     # In and out
     episode_length: wp.array(dtype=wp.int32),
     distance: wp.array(dtype=float),
@@ -76,14 +83,14 @@ def end_episodes(
         progress_out[w] = distance[w] - now
         goal_distance_out[w] = straight
         distance[w] = now
-        if touched and stop_on_collision:
+        if touched and rules.stop_on_collision:
             outcome = COLLISION
-        elif straight < goal_tolerance:
+        elif straight < rules.goal_tolerance_m:
             outcome = SUCCESS
-        elif episode_length[w] >= max_length:
+        elif episode_length[w] >= rules.episode_steps:
             outcome = TIMEOUT
     put_outcome(w, outcome, end)
-    move_level(w, outcome, level_up, level_down, level)
+    move_level(w, outcome, rules.level_up, rules.level_down, level)
 
 
 @wp.kernel

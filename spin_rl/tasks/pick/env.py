@@ -10,6 +10,7 @@ from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.generator import generate_tabletops
 from spin_rl.tasks.common.env import TaskEnv, with_camera_at
 from spin_rl.tasks.common.object_choice import ObjectChoice
+from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.pick import episode as pick_episode
 from spin_rl.tasks.pick import rewards as pick_rewards
@@ -97,17 +98,9 @@ class PickEnv(ObjectChoice, TaskEnv):
         self._progress.hard_peak = wp.zeros(n, dtype=float)
         self._progress.level = self._level
         self._forces = pick_episode.read_forces(sim.grasp)
-        self._rules = pick_episode.PickRules()
-        self._rules.max_length = self.max_episode_length
-        self._rules.hold_steps = max(round(cfg.hold_s / cfg.sim.control_period), 1)
-        self._rules.lift = cfg.lift_m
-        self._rules.grasp_force = cfg.grasp_force_n
-        self._rules.finger_force = cfg.finger_force_n
-        self._rules.hard_force = cfg.hard_force_n
-        self._rules.fall = cfg.fall_m
-        self._rules.end_on_success = cfg.end_on_success
-        self._rules.level_up = self._moves.up
-        self._rules.level_down = self._moves.down
+        self._rules = rules_of(
+            pick_episode.PickRules, cfg, level_up=self._moves.up, level_down=self._moves.down
+        )
 
     def _end_episodes(self) -> None:
         sim = self.sim

@@ -41,13 +41,13 @@ wp.set_module_options({"enable_backward": False})
 class PickRules:
     """When a pick ends and what counts as one; see `PickConfig`."""
 
-    max_length: int
+    episode_steps: int
     hold_steps: int
-    lift: float
-    grasp_force: float
-    finger_force: float
-    hard_force: float
-    fall: float
+    lift_m: float
+    grasp_force_n: float
+    finger_force_n: float
+    hard_force_n: float
+    fall_m: float
     end_on_success: bool
     level_up: float
     level_down: float
@@ -148,9 +148,9 @@ def _describe(
         if wp.abs(offset[i]) > _INSIDE[i]:
             inside = False
     out.inside[w] = inside
-    out.pressed[w] = left + right > rules.grasp_force
-    out.grasped[w] = is_grasped(w, forces, rules.grasp_force, rules.finger_force)
-    out.collision[w] = forces.hard[w] > rules.hard_force
+    out.pressed[w] = left + right > rules.grasp_force_n
+    out.grasped[w] = is_grasped(w, forces, rules.grasp_force_n, rules.finger_force_n)
+    out.collision[w] = forces.hard[w] > rules.hard_force_n
 
 
 @wp.kernel
@@ -188,21 +188,21 @@ def end_picks(
         offset = wp.transpose(site_xmat[w, grasp_site]) * (at - site_xpos[w, grasp_site])
         height = at[2] - start_pose[w][2]
         _describe(w, offset, height, 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT]), forces, rules, out)
-        lifted = is_lifted(w, height, forces, rules.grasp_force, rules.finger_force, rules.lift)
+        lifted = is_lifted(w, height, forces, rules.grasp_force_n, rules.finger_force_n, rules.lift_m)
         progress.held[w] = wp.where(lifted, progress.held[w] + 1, 0)
         out.success[w] = progress.held[w] >= rules.hold_steps
         # Who hits something in the step of the first success has not succeeded.
         if out.success[w] and not out.collision[w]:
             progress.succeeded[w] = True
         # At the start the object stands on the table.
-        out.dropped[w] = height + half_extents[w][2] < -rules.fall
+        out.dropped[w] = height + half_extents[w][2] < -rules.fall_m
         if out.collision[w]:
             outcome = COLLISION
         elif out.dropped[w]:
             outcome = DROPPED
         elif rules.end_on_success and out.success[w]:
             outcome = SUCCESS
-        elif progress.length[w] >= rules.max_length:
+        elif progress.length[w] >= rules.episode_steps:
             outcome = TIMEOUT
             out.time_out[w] = True
         if outcome != RUNNING and progress.succeeded[w]:

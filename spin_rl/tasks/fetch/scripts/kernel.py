@@ -38,7 +38,7 @@ class Drive:
     joint_high: wp.array[float]
     base_speed: wp.array[float]
     carry_moves: wp.array[wp.bool]
-    carry_lift: float
+    carry_lift_m: float
     pick_speed: wp.vec2
     period: float
 
@@ -62,7 +62,7 @@ def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action:
         elif not drive.carry_moves[joint]:
             action[w, joint + 2] = _action_of(joint, target[w, joint], drive)
     most = _CARRY_LIFT_RATE * drive.period
-    wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift)
+    wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift_m)
     now = target[w, LIFT]
     action[w, LIFT + 2] = _action_of(LIFT, now + wp.clamp(wanted - now, -most, most), drive)
 
