@@ -10,7 +10,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.sim.object_start import hold_still
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, Increments
-from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT
+from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT, keep_final_state
 from spin_rl.tasks.fetch.state import (
     ALIGN,
     CARRY,
@@ -24,7 +24,7 @@ from spin_rl.tasks.fetch.state import (
     FetchRules,
     FetchState,
 )
-from spin_rl.tasks.pick.episode import DROPPED, Forces, copy_if_finite, is_lifted
+from spin_rl.tasks.pick.episode import DROPPED, Forces, is_lifted
 
 _OBJECT = wp.constant(len(robot.DOF_NAMES))
 _PITCH = wp.constant(robot.DOF_NAMES.index("wrist_pitch"))
@@ -190,11 +190,7 @@ def advance_stages(
     state.time[w] = state.time[w] + 1
     state.length[w] = state.length[w] + 1
     state.stage_steps[w, stage] = state.stage_steps[w, stage] + 1
-    finite = copy_if_finite(b.qpos, w, final_qpos_out)
-    finite = copy_if_finite(b.qvel, w, final_qvel_out) and finite
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
+    finite = keep_final_state(w, b.qpos, b.qvel, action, final_qpos_out, final_qvel_out)
 
     outcome = RUNNING
     after = stage
@@ -204,10 +200,6 @@ def advance_stages(
     if not finite:
         outcome = NON_FINITE
         at = wp.vec3(0.0, 0.0, 0.0)
-        for i in range(final_qpos_out.shape[1]):
-            final_qpos_out[w, i] = 0.0
-        for i in range(final_qvel_out.shape[1]):
-            final_qvel_out[w, i] = 0.0
     elif _is_hit(w, stage, b, forces, rules):
         outcome = COLLISION
     elif stage == REACH:

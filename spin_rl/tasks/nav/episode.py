@@ -2,7 +2,18 @@
 
 import warp as wp
 
-from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT, draw_servos
+from spin_rl.tasks.common.episode import (
+    COLLISION,
+    NON_FINITE,
+    RUNNING,
+    SUCCESS,
+    TIMEOUT,
+    draw_servos,
+    keep_final_state,
+    moved_level,
+)
+
+wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
@@ -49,15 +60,7 @@ def end_episodes(
     w = wp.tid()
     episode_length[w] = episode_length[w] + 1
 
-    finite = bool(True)
-    for i in range(qpos.shape[1]):
-        final_qpos_out[w, i] = qpos[w, i]
-        final_qvel_out[w, i] = qvel[w, i]
-        if not wp.isfinite(qpos[w, i]) or not wp.isfinite(qvel[w, i]):
-            finite = False
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
+    finite = keep_final_state(w, qpos, qvel, action, final_qpos_out, final_qvel_out)
 
     touched = bool(False)
     for part in range(part_contacts.shape[1]):
@@ -67,10 +70,6 @@ def end_episodes(
     outcome = RUNNING
     if not finite:
         outcome = NON_FINITE
-        # Zeros keep the rewards of this step finite; the world itself is reset below.
-        for i in range(qpos.shape[1]):
-            final_qpos_out[w, i] = 0.0
-            final_qvel_out[w, i] = 0.0
         progress_out[w] = 0.0
         goal_distance_out[w] = distance[w]
     else:
@@ -87,10 +86,7 @@ def end_episodes(
             outcome = TIMEOUT
     outcome_out[w] = outcome
     done_out[w] = outcome != RUNNING
-    if outcome == SUCCESS:
-        level[w] = wp.min(level[w] + level_up, 1.0)
-    elif outcome != RUNNING:
-        level[w] = wp.max(level[w] - level_down, 0.0)
+    level[w] = moved_level(level[w], outcome, level_up, level_down)
 
 
 @wp.kernel

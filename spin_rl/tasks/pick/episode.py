@@ -17,6 +17,8 @@ from spin_rl.tasks.common.episode import (
     SUCCESS,
     TIMEOUT,
     draw_servos,
+    keep_final_state,
+    moved_level,
 )
 
 DROPPED = wp.constant(len(OUTCOMES))
@@ -96,17 +98,6 @@ class Progress:
 
 
 @wp.func
-def copy_if_finite(row: wp.array2d(dtype=float), w: int, kept_out: wp.array2d(dtype=float)) -> bool:
-    """Whether all values of a world are finite; copies them, or zeros."""
-    finite = bool(True)
-    for i in range(row.shape[1]):
-        kept_out[w, i] = row[w, i]
-        if not wp.isfinite(row[w, i]):
-            finite = False
-    return finite
-
-
-@wp.func
 def is_grasped(w: int, forces: Forces, grasp_force: float, finger_force: float) -> bool:
     """Whether the fingertips press the object, together and each (SPIN, r_lift)."""
     left = forces.finger[w, 0]
@@ -176,21 +167,12 @@ def end_picks(
     """Describe the control step just made and end episodes, one thread per world."""
     w = wp.tid()
     progress.length[w] = progress.length[w] + 1
-    finite = copy_if_finite(qpos, w, final_qpos_out)
-    finite = copy_if_finite(qvel, w, final_qvel_out) and finite
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
+    finite = keep_final_state(w, qpos, qvel, action, final_qpos_out, final_qvel_out)
 
     outcome = RUNNING
     out.time_out[w] = False
     if not finite:
         outcome = NON_FINITE
-        # Zeros keep the rewards of this step finite; the world itself is reset.
-        for i in range(qpos.shape[1]):
-            final_qpos_out[w, i] = 0.0
-        for i in range(qvel.shape[1]):
-            final_qvel_out[w, i] = 0.0
         forces.finger[w, 0] = 0.0
         forces.finger[w, 1] = 0.0
         forces.table[w] = 0.0
@@ -226,10 +208,7 @@ def end_picks(
     out.hard_peak[w] = progress.hard_peak[w]
     outcome_out[w] = outcome
     done_out[w] = outcome != RUNNING
-    if outcome == SUCCESS:
-        progress.level[w] = wp.min(progress.level[w] + rules.level_up, 1.0)
-    elif outcome != RUNNING:
-        progress.level[w] = wp.max(progress.level[w] - rules.level_down, 0.0)
+    progress.level[w] = moved_level(progress.level[w], outcome, rules.level_up, rules.level_down)
 
 
 @wp.kernel
