@@ -214,3 +214,8 @@ def test_plots_name_the_stages_where_they_begin():
         "reach", "align", "pick", "align"
     ]  # fmt: skip
     assert trace_of([snapshot()]).stages == []
+
+
+def test_a_task_without_corners_and_objects_has_no_marks():
+    marks = replace(snapshot(), scandots=None).marks
+    assert marks.points.shape == (0, 3) and marks.seen.shape == (0,)

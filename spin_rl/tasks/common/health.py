@@ -12,6 +12,8 @@ from spin_rl.tasks.common.episode import NON_FINITE, RUNNING
 HISTORY_STEPS = 8
 MAX_DUMPS = 8
 
+wp.set_module_options({"enable_backward": False})
+
 
 @wp.kernel
 def _record_history(
