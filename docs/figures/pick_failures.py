@@ -20,8 +20,9 @@ import warp as wp
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import open_policy
 from spin_rl.tasks.common.episode import SUCCESS, TIMEOUT
+from spin_rl.tasks.common.formulas import NEAR_PER_M
 from spin_rl.tasks.pick.env import PickEnv
-from spin_rl.tasks.pick.observations import NEAR_PER_M, PRIVILEGED
+from spin_rl.tasks.pick.observations import PRIVILEGED
 from spin_rl.tasks.pick.spec import PICK
 
 WORLDS = 100
