@@ -1,8 +1,9 @@
 """What policies are told of the robot and its aims, as functions of plain tensors.
 
 Simulator and robot share them: observations call them with simulator memory, a control loop with what it
-measures. All tensors have a leading axis n, worlds or 1. A base pose is x, y [m] and yaw [rad], the first of n rows;
-points and frames are in the frame of that pose, whichever it is; with a pose of zeros, in the base frame.
+measures. All tensors have a leading axis n, worlds or 1. A base pose is x, y [m] and yaw [rad], shape (n, 3);
+further columns are not read. Points and frames are in the frame of that pose, whichever it is; with a pose of
+zeros, in the base frame.
 """
 
 from __future__ import annotations
