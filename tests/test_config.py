@@ -11,8 +11,9 @@ from omegaconf import OmegaConf
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.sim import SimConfig
-from spin_rl.tasks.common.config import NavConfig
-from spin_rl.tasks.registry import env_config, plain
+from spin_rl.tasks.common.compose import plain
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.spec import NAV
 
 
 @cache
@@ -96,16 +97,18 @@ def test_what_does_not_fit_is_named(values, message):
 
 
 def test_default_configurations_are_usable():
-    train = env_config(composed())
+    train = NAV.configure(composed())
     assert train.robot_profile == "paper" and train.curriculum.enabled and train.reward["success"] > 0
     assert train.sim == SimConfig(timestep=0.05, substeps=2)  # the cpu preset's
-    assert env_config(composed("sim=default")).sim == env_config(composed("preset=gpu")).sim == SimConfig()
-    assert not env_config(composed(name="eval")).curriculum.enabled
-    assert env_config(composed("robot=re1")).robot_profile == "re1"
+    assert (
+        NAV.configure(composed("sim=default")).sim == NAV.configure(composed("preset=gpu")).sim == SimConfig()
+    )
+    assert not NAV.configure(composed(name="eval")).curriculum.enabled
+    assert NAV.configure(composed("robot=re1")).robot_profile == "re1"
 
 
 def test_files_and_code_have_the_same_defaults():
-    conf, code = env_config(composed("sim=default")), NavConfig()
+    conf, code = NAV.configure(composed("sim=default")), NavConfig()
     for name in ("scene", "scandots", "curriculum", "dynamics", "sim", "episode_s", "goal_tolerance_m"):
         assert getattr(conf, name) == getattr(code, name), name
 
@@ -152,7 +155,7 @@ def test_files_and_code_have_the_same_defaults():
 )
 def test_bad_value_of_a_group_is_named(override, message):
     with pytest.raises(ConfigError) as raised:
-        env_config(changed(override))
+        NAV.configure(changed(override))
     assert str(raised.value).startswith(message) and "\n" not in str(raised.value)
 
 

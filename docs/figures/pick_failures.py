@@ -20,9 +20,10 @@ import warp as wp
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import open_policy
 from spin_rl.tasks.common.episode import SUCCESS, TIMEOUT
+from spin_rl.tasks.common.formulas import NEAR_PER_M
 from spin_rl.tasks.pick.env import PickEnv
-from spin_rl.tasks.pick.observations import NEAR_PER_M, PRIVILEGED
-from spin_rl.tasks.registry import pick_config
+from spin_rl.tasks.pick.observations import PRIVILEGED
+from spin_rl.tasks.pick.spec import PICK
 
 WORLDS = 100
 SEED = 500
@@ -35,7 +36,7 @@ def run(policy: str, kind: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return what is measured in every step of every world, and how their episodes end."""
     asked = ["task=pick", f"task.object={kind}"]
     make, trained = open_policy(policy)
-    cfg = pick_config(settings.for_policy(settings.compose(asked), trained, asked))
+    cfg = PICK.configure(settings.for_policy(settings.compose(asked), trained, asked))
     if cfg.detector == "none" and "object" in trained["runner"]["obs_groups"]["actor"]:
         sys.exit(f"{policy} is told where the object is without a detector")
     env = PickEnv(replace(cfg, detector="segmentation", end_on_success=False), WORLDS, "cpu", SEED)

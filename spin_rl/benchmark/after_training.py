@@ -9,7 +9,7 @@ from pathlib import Path
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.files import write_json
-from spin_rl.tasks.registry import any_config
+from spin_rl.tasks.registry import find_task
 
 
 def evaluate_run(
@@ -44,7 +44,13 @@ def evaluate_run(
     cfg = settings.for_policy(settings.compose([f"task={task}", *conditions]), trained, conditions)
     print(f"Evaluating {run_dir}: {name}")
     result = benchmark.evaluate(
-        make_policy, any_config(cfg), episodes, seeds, device, policy_name=str(run_dir), announce=announce
+        make_policy,
+        find_task(task).configure(cfg),
+        episodes,
+        seeds,
+        device,
+        policy_name=str(run_dir),
+        announce=announce,
     )
     label = settings.scene_label(conditions, benchmark.scene)
     if label is not None:

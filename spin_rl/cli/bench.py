@@ -21,7 +21,8 @@ from spin_rl.files import write_json
 from spin_rl.machine import num_cores
 from spin_rl.speed import rows as throughput
 from spin_rl.speed.timing import Stopwatch
-from spin_rl.tasks.registry import env_config, plain, with_depth
+from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.nav.spec import NAV
 
 SUBJECTS = ("visibility", "depth", "env", "update", "train")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
@@ -82,14 +83,14 @@ def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> 
     )
     from spin_rl.tasks.nav.env import NavEnv
 
-    task, seed, seconds = env_config(values), values["seed"], values["seconds"]
+    task, seed, seconds = NAV.configure(values), values["seed"], values["seconds"]
     synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None
     watch = Stopwatch(synchronize)
     # For what runs in one thread: CPU time, which other load bends least.
     cpu_watch = Stopwatch(clock=time.process_time) if device == "cpu" else watch
 
     has_images = task.depth is not None
-    with_images = env_config(values | {"task": values["task"] | {"depth": {"enabled": True}}})
+    with_images = NAV.configure(values | {"task": values["task"] | {"depth": {"enabled": True}}})
     tasks = {True: with_images, False: replace(task, depth=None)}
 
     def make_env(num_envs: int, images: bool = has_images) -> NavEnv:

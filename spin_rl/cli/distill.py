@@ -24,11 +24,10 @@ from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import load_policy
 from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.warm_start import copy_model
-from spin_rl.tasks import registry as build
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.env import TaskEnv
-from spin_rl.tasks.pick.config import PickConfig
-from spin_rl.tasks.registry import any_config, observation_groups, plain, with_depth
+from spin_rl.tasks.registry import TaskSpec, find_task
 
 MODES = ("sync", "async")
 
@@ -47,7 +46,8 @@ def distill(cfg: DictConfig) -> None:
     compiled.
     """
     values = _configure(cfg)
-    task = any_config(values)
+    spec = find_task(values["task"]["name"])
+    task = spec.configure(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
     seed = values["seed"]
@@ -57,7 +57,7 @@ def distill(cfg: DictConfig) -> None:
         torch.set_num_threads(1)
     torch.manual_seed(seed)
 
-    make = partial(make_env, task, values["num_envs"], device, seed + 10_000 * rank)
+    make = partial(make_env, spec, task, values["num_envs"], device, seed + 10_000 * rank)
     learning = values["runner"] | {"seed": seed}
     try:
         with closing(_make_runner(values["mode"], make, learning, run_dir, device, values)) as runner:
@@ -91,10 +91,10 @@ def _start_from(runner: DistillRunner, source: str, note: str = "") -> None:
         print(f"Initialized from {source}: {notes}{note}", flush=True)
 
 
-def make_env(task: NavConfig | PickConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
+def make_env(spec: TaskSpec, task: TaskConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
     """Make the worlds, in whichever process they are wanted."""
     with common.announced(f"Starting {num_envs} worlds on {device}"):
-        return build.make_env(task, num_envs, device, seed)
+        return spec.make_env(task, num_envs, device, seed)
 
 
 def _make_runner(
@@ -131,7 +131,7 @@ def _configure(cfg: DictConfig) -> dict[str, Any]:
         raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
     runner = dict(values["runner"])
     runner |= student_config(teacher, runner.pop("depth_encoder"), runner.pop("further_groups"))
-    check_distillation(runner, dict.fromkeys(observation_groups(task)), values["num_envs"])
+    check_distillation(runner, dict.fromkeys(find_task(task).groups), values["num_envs"])
     return with_depth(values | {"runner": runner})
 
 

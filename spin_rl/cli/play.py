@@ -16,7 +16,7 @@ from spin_rl.cli.task_choice import check_task, trained_task, with_task
 from spin_rl.config import ConfigError
 from spin_rl.paths import POLICY_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.registry import any_config, make_env, plain
 
 VIEWERS = ("viser", "native", "none")

@@ -7,9 +7,12 @@ from typing import Any
 from spin_rl.benchmark.policies import open_policy
 from spin_rl.benchmark.registry import BENCHMARKS
 from spin_rl.config import ConfigError
+from spin_rl.tasks.registry import TASKS
 
 _DEFAULT = "nav"
-UNTRAINABLE = {"task=fetch": "task: fetch cannot be trained; train task=nav and task=pick, see docs/fetch.md"}
+UNTRAINABLE = {
+    f"task={name}": f"task: {spec.untrainable}" for name, spec in TASKS.items() if spec.untrainable
+}
 """Arguments that make no training, and why."""
 
 

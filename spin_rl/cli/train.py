@@ -18,7 +18,8 @@ from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import read_policy
 from spin_rl.runners.ppo.dvo import check_teacher
 from spin_rl.runners.warm_start import warm_start
-from spin_rl.tasks.registry import any_config, make_env, observation_groups, plain, with_depth
+from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.registry import find_task
 
 
 def main() -> None:
@@ -36,7 +37,8 @@ def train(cfg: DictConfig) -> None:
     from spin_rl.runners.ppo.runner import PPORunner
 
     values = with_depth(plain(cfg))
-    task = any_config(values)
+    spec = find_task(values["task"]["name"])
+    task = spec.configure(values)
     _check(values)
     device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
@@ -49,7 +51,7 @@ def train(cfg: DictConfig) -> None:
 
     with common.announced(f"Starting {values['num_envs']} worlds on {device}"):
         # Every process draws its own worlds.
-        env = make_env(task, values["num_envs"], device, seed + 10_000 * rank)
+        env = spec.make_env(task, values["num_envs"], device, seed + 10_000 * rank)
     learning = values["runner"] | {"seed": seed}
     runner = PPORunner(env, learning, run_dir, device, snapshot=values)
     if checkpoint is not None:
@@ -73,8 +75,8 @@ def _check(values: dict[str, Any]) -> None:
     """Reject what needs no simulator to reject, before kernels are compiled and files written."""
     run_folder.check_call(values)
     _check_sources(values)
-    task = values["task"]["name"]
-    check_config(values["runner"], dict.fromkeys(observation_groups(task)), values["num_envs"])
+    groups = find_task(values["task"]["name"]).groups
+    check_config(values["runner"], dict.fromkeys(groups), values["num_envs"])
 
 
 def _check_sources(values: dict[str, Any]) -> None:

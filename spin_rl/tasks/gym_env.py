@@ -14,9 +14,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
-from spin_rl.tasks.registry import default_config
+from spin_rl.tasks.nav.spec import NAV
 
 ENV_ID = "spin_rl/Nav-v0"
 
@@ -43,7 +43,7 @@ class NavVectorEnv(VectorEnv):
             device: Warp and Torch device.
             seed: Seed of layouts, start poses, dynamics and noise.
         """
-        self.env = NavEnv(cfg or default_config(), num_envs, device, seed)
+        self.env = NavEnv(cfg or NAV.as_trained(), num_envs, device, seed)
         self.num_envs = num_envs
         groups = self.env.get_observations()
         self.single_observation_space = gym.spaces.Dict(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from spin_rl.tasks.fetch.state import STAGES
 from spin_rl.viewer import style
 from spin_rl.viewer.camera import DRIVE_VIEW, GRASP_VIEW, TABLE_VIEW, FollowCamera, View
 from spin_rl.viewer.labels import cell_label, progress_label
@@ -73,7 +74,7 @@ class PictureMaker:
         picture.paste(depth, (_VIEW[0] + 10, _PLAN[1] + 18))
         draw = ImageDraw.Draw(picture)
         if snapshot.stage is not None:
-            _draw_stages(draw, snapshot.stage)
+            _draw_stages(draw, snapshot.stages, snapshot.stage)
         draw.text((_VIEW[0] + 10, _PLAN[1] + 2), camera_label(snapshot), fill=style.INK, font=_font(12))
         _draw_legend(draw, (_VIEW[0] + depth.width + 18, _PLAN[1] + 18), snapshot)
         self._draw_strip(draw, snapshot)
@@ -116,11 +117,11 @@ def _view(snapshot: Snapshot) -> tuple[np.ndarray, View]:
     return np.array([*snapshot.qpos[:2], np.arctan2(y, x) + 0.5 * np.pi]), views[snapshot.stage]
 
 
-def _draw_stages(draw: ImageDraw.ImageDraw, present: str) -> None:
+def _draw_stages(draw: ImageDraw.ImageDraw, stages: Sequence[str], present: str) -> None:
     """Name all stages along the top of the view, the present one in a box."""
     draw.rectangle((0, 0, _VIEW[0] - 1, 29), fill=style.PAPER)
-    width = _VIEW[0] / len(STAGES)
-    for i, stage in enumerate(STAGES):
+    width = _VIEW[0] / len(stages)
+    for i, stage in enumerate(stages):
         middle = (i + 0.5) * width, 15
         if stage == present:
             box = (i * width + 8, 4, (i + 1) * width - 8, 26)

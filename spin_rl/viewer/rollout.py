@@ -11,13 +11,9 @@ import torch
 from spin_rl import robot
 from spin_rl.policy import Policy
 from spin_rl.scenes.objects.shapes import SceneObject
-from spin_rl.tasks.fetch.env import FetchEnv
-from spin_rl.tasks.fetch.state import STAGES
-from spin_rl.tasks.nav.env import NavEnv
-from spin_rl.tasks.pick.env import PickEnv
-from spin_rl.viewer.snapshot import OUTCOMES, Scandots, Snapshot, Target
+from spin_rl.tasks.common.env import TaskEnv
+from spin_rl.viewer.snapshot import Scandots, Snapshot, Target
 
-PlayedEnv = NavEnv | PickEnv | FetchEnv
 _ROBOT = slice(len(robot.DOF_NAMES))
 _OBJECT = slice(_ROBOT.stop, None)
 
@@ -31,7 +27,7 @@ class Player:
         ended: Last snapshots of all finished episodes since `start`, in the order of their end.
     """
 
-    def __init__(self, env: PlayedEnv, policy: Policy, title: str = "") -> None:
+    def __init__(self, env: TaskEnv, policy: Policy, title: str = "") -> None:
         """Take over an environment; `start` begins the first episodes.
 
         Args:
@@ -45,8 +41,8 @@ class Player:
         self._policy = policy
         self._snapshots: list[Snapshot] = []
         # What only some tasks have.
-        self._set_cells, self._scandots, self._sight, self._stage = (
-            getattr(env, name, None) for name in ("set_cells", "scandots", "sight", "stage")
+        self._set_cells, self._goal, self._scandots, self._sight, self._stage = (
+            getattr(env, name, None) for name in ("set_cells", "goal", "scandots", "sight", "stage")
         )
 
     @property
@@ -105,7 +101,7 @@ class Player:
                     before[world],
                     time=self._time(world),
                     qpos=qpos[world, _ROBOT].astype(float),
-                    outcome=OUTCOMES[outcomes[world]],
+                    outcome=self.env.outcomes[outcomes[world]],
                     target=_moved(before[world].target, qpos[world, _OBJECT].astype(float)),
                 )
                 self._scenes[world] = self.env.sim.layout.scene(int(world))
@@ -134,6 +130,7 @@ class Player:
                 depth=None if depth is None else depth[world],
                 target=targets[world],
                 stage=stages[world],
+                stages=self.env.stages,
             )
             for world in range(self.env.num_envs)
         ]
@@ -147,16 +144,17 @@ class Player:
                 replace(scene, pos=pos[world]) if scene.moves else scene
                 for world, scene in enumerate(self._scenes)
             ]
-        goal = layout.goal.numpy().astype(float)
-        self._scenes = [
-            scene if (scene.goal == goal[world]).all() else replace(scene, goal=goal[world])
-            for world, scene in enumerate(self._scenes)
-        ]
+        if self._goal is not None:
+            goal = self._goal.cpu().numpy().astype(float)
+            self._scenes = [
+                scene if (scene.goal == goal[world]).all() else replace(scene, goal=goal[world])
+                for world, scene in enumerate(self._scenes)
+            ]
 
     def _read_stages(self) -> Sequence[str | None]:
         if self._stage is None:
             return [None] * self.env.num_envs
-        return [STAGES[stage] for stage in self._stage.tolist()]
+        return [self.env.stages[stage] for stage in self._stage.tolist()]
 
     def _read_object(self, world: int) -> SceneObject | None:
         return None if self._sight is None else self.env.sim.object.scene_object(world)
@@ -181,14 +179,11 @@ class Player:
 
     def _read_depth(self) -> np.ndarray | None:
         """Images of all worlds as the policy gets them [m], shape (num_envs, rows, columns)."""
-        images, cfg = self.env.depth, self.env.cfg.depth
-        if images is None or cfg is None:
+        images = self.env.depth
+        if images is None:
             return None
         depth = images.pipeline.filter.depth.numpy().astype(float)
-        ranges = np.tile((cfg.filter.near_m, cfg.filter.far_m), (len(depth), 1))
-        if isinstance(self.env, FetchEnv) and self.env.cfg.pick_range_m is not None:
-            ranges[self.env.stage.cpu().numpy() == STAGES.index("pick")] = self.env.cfg.pick_range_m
-        near, far = ranges.T[:, :, None, None]
+        near, far = self.env.depth_ranges().cpu().numpy().T[:, :, None, None]
         return np.clip(np.where(depth > 0.0, depth, np.inf), near, far)
 
 

@@ -9,11 +9,9 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.objects.shapes import SceneObject
-from spin_rl.tasks.pick.episode import PICK_OUTCOMES
+from spin_rl.tasks.common import episode
 
-OUTCOMES = PICK_OUTCOMES
-"""Names of the outcomes of all tasks; navigation has all but the last."""
-RUNNING = OUTCOMES[0]
+RUNNING = episode.OUTCOMES[episode.RUNNING]
 
 
 @dataclass(frozen=True)
@@ -63,12 +61,13 @@ class Snapshot:
         time: Since the start of the episode [s].
         qpos: Positions in `robot.DOF_NAMES` order [m, rad], shape (13,).
         scandots: What is near, and what of it is seen; None where the task has no scandots.
-        outcome: One of `OUTCOMES`; other than "running" in an episode's last snapshot.
+        outcome: One of the task's outcomes; other than "running" in an episode's last snapshot.
         depth: The depth image as the policy gets it, noisy and filtered, upright, in metres between the
             nearest and the farthest depth that it can tell apart, shape (rows, columns); None where the
             task has no depth camera.
         target: The object to pick up, where the task has one.
-        stage: One of `fetch_state.STAGES`, where the task has stages.
+        stage: One of `stages`, where the task has stages.
+        stages: Names of the stages of the task's episodes in their order.
     """
 
     scene: Scene
@@ -80,14 +79,16 @@ class Snapshot:
     depth: np.ndarray | None = None
     target: Target | None = None
     stage: str | None = None
+    stages: tuple[str, ...] = ()
 
     @property
     def marks(self) -> Scandots:
         """The points that the policy is given while they are seen: scandots, and the object's centre."""
-        parts = [] if self.scandots is None else [self.scandots]
-        if self.target is not None:
-            parts.append(Scandots(self.target.pose[None, :3], np.array([self.target.seen])))
-        return Scandots(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "seen")))
+        marks = self.scandots or Scandots(np.zeros((0, 3)), np.zeros(0, dtype=bool))
+        if self.target is None:
+            return marks
+        points = np.concatenate((marks.points, self.target.pose[None, :3]))
+        return Scandots(points, np.append(marks.seen, self.target.seen))
 
     @property
     def ended(self) -> bool:

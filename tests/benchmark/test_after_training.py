@@ -6,7 +6,7 @@ import pytest
 from spin_rl.benchmark import after_training, policies
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.reach import REACH_CELLS
-from spin_rl.tasks.registry import default_config
+from spin_rl.tasks.nav.spec import NAV
 
 
 def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, device):
@@ -45,7 +45,7 @@ def test_corridors_and_noise_are_those_of_the_training(monkeypatch, capsys, tmp_
     call = ["depth=d435i", "scene=moving", "task.episode_s=3", "num_envs=4"]
     path = after_training.evaluate_run(tmp_path, episodes=9, device="cpu", overrides=call)
     (cfg,) = measured
-    asked = default_config(["depth=d435i", "scene=moving", "task.depth.enabled=true"])
+    asked = NAV.as_trained(["depth=d435i", "scene=moving", "task.depth.enabled=true"])
     assert cfg.depth == asked.depth and cfg.scene == asked.scene and cfg.scene.patrolling_share > 0.0
     assert cfg.episode_s == 60.0 and cfg.noise.goal_m == 0.0
     assert ", depth noise d435i, scene moving\n" in capsys.readouterr().out

@@ -8,8 +8,10 @@ from hydra.core.global_hydra import GlobalHydra
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.tasks.fetch.spec import FETCH
+from spin_rl.tasks.nav.spec import NAV
 from spin_rl.tasks.pick.config import PickConfig
-from spin_rl.tasks.registry import env_config, fetch_config, pick_config
+from spin_rl.tasks.pick.spec import PICK
 
 TRAINED = {
     "robot": {"profile": "re1"},
@@ -28,7 +30,7 @@ def cfg():
 
 
 def test_evaluation_is_nominal(cfg):
-    task = env_config(cfg)
+    task = NAV.configure(cfg)
     assert task.episode_s == 60.0
     assert not task.curriculum.enabled and task.curriculum.start == 1.0
     assert set(vars(task.noise).values()) == {0.0}
@@ -37,7 +39,7 @@ def test_evaluation_is_nominal(cfg):
 
 
 def test_picks_are_evaluated_nominally_and_far_from_the_object():
-    task = pick_config(settings.compose(["task=pick"]))
+    task = PICK.configure(settings.compose(["task=pick"]))
     assert task.end_on_success and task.near_share == (0.0, 0.0) and task.episode_s == 7.0
     assert not task.curriculum.enabled and task.curriculum.start == 1.0
     assert set(vars(task.noise).values()) == {0.0}
@@ -47,7 +49,7 @@ def test_picks_are_evaluated_nominally_and_far_from_the_object():
 def test_what_a_pick_policy_sees_is_its_own():
     cfg = settings.compose(["task=pick"])
     trained = {"task": {"sight": {"far_m": 2.0}, "end_on_success": False, "camera_pose": [0.0, -0.2]}}
-    task = pick_config(settings.for_policy(cfg, trained, ["task=pick"]))
+    task = PICK.configure(settings.for_policy(cfg, trained, ["task=pick"]))
     assert task.sight.far_m == 2.0 and task.camera_pose == (0.0, -0.2) and task.end_on_success
 
 
@@ -60,18 +62,18 @@ def test_a_detector_is_of_policies_that_are_told_where_the_object_is():
         (["proprio", "object"], ["task=pick", "task.detector=none"], "none"),
     ):
         trained = seen | {"runner": {"obs_groups": {"actor": groups}}}
-        assert pick_config(settings.for_policy(cfg, trained, asked)).detector == detector
+        assert PICK.configure(settings.for_policy(cfg, trained, asked)).detector == detector
 
 
 def test_body_and_inputs_are_the_policys(cfg):
-    task = env_config(settings.for_policy(cfg, TRAINED, ()))
+    task = NAV.configure(settings.for_policy(cfg, TRAINED, ()))
     assert task.robot_profile == "re1"
     assert task.camera_mount == "landscape"
     assert task.scandots.window_m == 3.0 and not task.scandots.occlusion
     # The rest is the benchmark's.
     assert task.scandots.near_m == 0.1
     assert task.episode_s == 60.0 and task.noise.goal_m == 0.0
-    assert env_config(cfg).robot_profile == "paper"  # the argument is left alone
+    assert NAV.configure(cfg).robot_profile == "paper"  # the argument is left alone
 
 
 PICK_TRAINED = {
@@ -94,7 +96,7 @@ def with_images(trained, **changes):
 
 def test_a_fetch_has_the_robot_of_both_policies_and_what_each_sees():
     joint = settings.of_fetch(TRAINED, PICK_TRAINED)
-    task = fetch_config(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
+    task = FETCH.configure(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
     assert task.robot_profile == "re1" and task.camera_mount == "landscape" and task.depth is None
     assert task.scandots.window_m == 3.0 and not task.scandots.occlusion
     assert task.sight.far_m == 2.0 and task.manipulation.increments.forward_speed == 0.11
@@ -113,7 +115,7 @@ def test_images_of_a_fetch_are_filtered_as_those_who_read_them_need():
 def test_each_policy_of_a_fetch_reads_depths_in_its_own_range():
     def ranges(nav, pick):
         joint = settings.of_fetch(nav, pick)
-        task = fetch_config(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
+        task = FETCH.configure(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
         return (task.depth.filter.near_m, task.depth.filter.far_m), task.pick_range_m
 
     near, far = {"near_m": 0.2, "far_m": 1.6}, {"near_m": 0.3, "far_m": 5.0}
@@ -135,7 +137,7 @@ def test_each_policy_of_a_fetch_reads_depths_in_its_own_range():
 def test_another_camera_leaves_the_policy_its_range(overrides, far, blur):
     overrides = ["task=pick", *overrides]
     trained = {"task": {"depth": {"enabled": True}}, "depth": {"filter": {"far_m": 1.6, "blur": 0.1}}}
-    task = pick_config(settings.for_policy(settings.compose(overrides), trained, overrides))
+    task = PICK.configure(settings.for_policy(settings.compose(overrides), trained, overrides))
     assert (task.depth.filter.far_m, task.depth.filter.blur) == (far, blur)
 
 
@@ -175,13 +177,13 @@ def test_one_robot_cannot_be_that_of_two_policies(nav, pick, message):
 )
 def test_the_user_has_the_last_word(override, expected):
     cfg = settings.compose([override])
-    task = env_config(settings.for_policy(cfg, TRAINED, [override]))
+    task = NAV.configure(settings.for_policy(cfg, TRAINED, [override]))
     assert {key: getattr(task, key) for key in expected} == expected
 
 
 def test_one_scandot_key_does_not_hide_the_others():
     override = "task.scandots.window_m=1.0"
-    task = env_config(settings.for_policy(settings.compose([override]), TRAINED, [override]))
+    task = NAV.configure(settings.for_policy(settings.compose([override]), TRAINED, [override]))
     assert task.scandots.window_m == 1.0 and not task.scandots.occlusion
 
 
@@ -225,7 +227,7 @@ def test_an_evaluation_after_training_keeps_corridors_and_images():
 
 @pytest.mark.parametrize("choice", ["ideal", "d435i"])
 def test_noise_has_the_name_of_its_file(choice):
-    task = env_config(settings.compose([f"depth={choice}", "task.depth.enabled=true"]))
+    task = NAV.configure(settings.compose([f"depth={choice}", "task.depth.enabled=true"]))
     noise = asdict(task.depth.noise)
     assert settings.noise_label(noise) == choice
     assert settings.noise_label(json.loads(json.dumps(noise))) == choice
@@ -234,13 +236,13 @@ def test_noise_has_the_name_of_its_file(choice):
 
 def test_images_that_nobody_reads_are_told():
     overrides = ["episodes=3", "depth.noise.patches=0"]
-    blind = env_config(settings.compose(overrides))
+    blind = NAV.configure(settings.compose(overrides))
     assert settings.unused_depth(blind, overrides) == (
         "depth: depth.noise.patches=0 changes nothing, since this policy reads no images"
     )
     assert settings.unused_depth(blind, ["episodes=3", "task.depth.enabled=false"]) is None
     reads = {"task": {"depth": {"enabled": True}}}
-    seeing = env_config(settings.for_policy(settings.compose(overrides), reads, overrides))
+    seeing = NAV.configure(settings.for_policy(settings.compose(overrides), reads, overrides))
     assert settings.unused_depth(seeing, overrides) is None
 
 

@@ -19,8 +19,9 @@ from spin_rl.cli import distill, run_folder
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR, POLICY_DIR
 from spin_rl.runners import load_policy, policy_file, read_policy
+from spin_rl.tasks.nav.spec import NAV
 from spin_rl.tasks.pick.config import PickConfig
-from spin_rl.tasks.registry import any_config, env_config
+from spin_rl.tasks.registry import find_task
 
 TEACHER = f"teacher={POLICY_DIR / 'nav-cvo.safetensors'}"
 TINY = [TEACHER, "num_envs=4", "runner.num_steps_per_env=4", "runner.algorithm.freeze_iterations=1"]
@@ -90,8 +91,8 @@ def test_distillation_from_start_to_resume(monkeypatch, capfd, tmp_path, device)
 
     # An evaluation knows from the policy that there are images, and how they are filtered.
     metadata = read_policy(run_dir)[1]
-    task = env_config(settings.for_policy(settings.compose(), metadata["config"], ()))
-    trained = env_config(config)
+    task = NAV.configure(settings.for_policy(settings.compose(), metadata["config"], ()))
+    trained = NAV.configure(config)
     assert task.depth.filter == trained.depth.filter and trained.depth.filter.fill_px > 0
     assert task.depth.noise.dropout == 0.0 and trained.depth.noise.dropout > 0.0
     assert metadata["actor"]["depth_encoder"]["image"] == [87, 58]
@@ -137,7 +138,7 @@ def test_a_student_of_the_pick_task(monkeypatch, capfd, tmp_path, pick_teacher):
     groups = ["proprio", "hand", "object_start", "depth", "object_at_start", "hand_in_image"]
     assert config["runner"]["obs_groups"]["actor"] == groups
     assert config["runner"]["algorithm"]["latent_loss"] == 0.5
-    task = any_config(config)
+    task = find_task(config["task"]["name"]).configure(config)
     assert isinstance(task, PickConfig)
     assert task.sight.far_m == 3.0 and task.sim.substeps == 8 and task.depth is not None
     assert task.curriculum.start == 1.0 and task.end_on_success

@@ -14,7 +14,8 @@ import spin_rl.tasks.nav
 from spin_rl.cli import common, train
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.registry import env_config, with_depth
+from spin_rl.tasks.common.compose import with_depth
+from spin_rl.tasks.nav.spec import NAV
 
 
 def run_main(monkeypatch, *arguments):
@@ -97,10 +98,10 @@ def test_setting_is_checked(settings, key, value, message):
 def test_learning_from_images_switches_the_camera_on():
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         values = OmegaConf.to_container(compose("train", ["algo=direct_depth", "run_dir=here"]), resolve=True)
-    assert env_config(values).depth is None
+    assert NAV.configure(values).depth is None
     values = with_depth(values)
     train._check(values)
-    assert env_config(values).depth is not None
+    assert NAV.configure(values).depth is not None
     assert values["runner"]["actor"]["depth_encoder"]["image"] == [87, 58]
     assert not any(group.startswith("scandots") for group in values["runner"]["obs_groups"]["actor"])
 

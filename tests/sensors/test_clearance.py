@@ -13,7 +13,7 @@ from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.sensors.clearance import Clearance, robot_shapes
 from spin_rl.sim import SimConfig, Simulation
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 NUM_WORLDS = 40
 
@@ -173,11 +173,11 @@ def test_nothing_is_measured_without_the_term(make_nav_env):
 
 
 def test_reward_variants_change_one_scale_each():
-    from spin_rl.tasks.registry import default_config
+    from spin_rl.tasks.nav.spec import NAV
 
-    shaped = default_config().reward
+    shaped = NAV.as_trained().reward
     for name, scale in (("careful", {"collision": -20.0}), ("smooth", {"action_rate": -0.01})):
-        assert default_config([f"reward={name}"]).reward == shaped | scale
-    assert default_config(["reward=clearance"]).reward == shaped | {"clearance": -0.5}
+        assert NAV.as_trained([f"reward={name}"]).reward == shaped | scale
+    assert NAV.as_trained(["reward=clearance"]).reward == shaped | {"clearance": -0.5}
     with pytest.raises(ValueError, match=r"task\.clearance_m must be positive"):
         NavConfig(clearance_m=0.0)

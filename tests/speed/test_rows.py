@@ -18,9 +18,10 @@ from spin_rl.speed import train as train_speed
 from spin_rl.speed.peers import rsl_rl as rsl_rl_peer
 from spin_rl.speed.peers.scandots import SightModel, scandot_tokens_numpy
 from spin_rl.speed.timing import Stopwatch, Timing
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.common.compose import plain
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
-from spin_rl.tasks.registry import env_config, plain
+from spin_rl.tasks.nav.spec import NAV
 
 NUM_ENVS = 16
 TINY = ["num_envs=8", "seconds=0.1", "runner.num_steps_per_env=4", "runner.algorithm.num_learning_epochs=1"]
@@ -225,7 +226,7 @@ def test_preset_follows_the_device():
 def test_bench_trains_with_the_settings_of_spin_train():
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         ours, theirs = (hydra.compose(name) for name in ("bench", "train"))
-    assert env_config(ours) == env_config(theirs)
+    assert NAV.configure(ours) == NAV.configure(theirs)
     assert plain(ours)["runner"] == plain(theirs)["runner"] and ours.num_envs == theirs.num_envs
 
 

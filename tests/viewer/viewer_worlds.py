@@ -7,6 +7,7 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.objects.shapes import KINDS, SceneObject
+from spin_rl.tasks.fetch.state import STAGES
 from spin_rl.viewer.snapshot import Scandots, Snapshot, Target
 
 POOL = PoolSpec()
@@ -52,7 +53,7 @@ def pick_snapshot(kind="banana", pose=(1.0, 0.9, 0.8, 0.5, 0.5, 0.5, 0.5), seen=
 
 def fetch_snapshot(stage, kind="banana", **options) -> Snapshot:
     """A stage of a fetch in the corridor."""
-    return replace(snapshot(**options), target=pick_snapshot(kind).target, stage=stage)
+    return replace(snapshot(**options), target=pick_snapshot(kind).target, stage=stage, stages=STAGES)
 
 
 SCENE = scene()

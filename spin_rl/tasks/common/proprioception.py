@@ -9,6 +9,7 @@ import torch
 
 from spin_rl import robot
 from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.common import formulas
 
 # Blocks of the proprio group and their widths.
 PROPRIO: dict[str, int] = {
@@ -68,34 +69,20 @@ class Proprioception:
         self._proprio_noise = noise
         device = torch.device(sim.device)
         self._rng = torch.Generator(device=device).manual_seed(seed)
-        lower = torch.tensor(robot.JOINT_LOWER, device=device)
-        upper = torch.tensor(robot.JOINT_UPPER, device=device)
-        self._middle = (lower + upper) / 2
-        self._half_range = (upper - lower) / 2
-        # Normalized by the fastest profile, so that policies of both profiles read the same units.
-        self._max_speed = torch.tensor(robot.SPEED_PROFILES["paper"].joint_velocity_max, device=device)
         self._eef = sim.mj_model.site("link_grasp_center").id
 
     def proprio(self) -> torch.Tensor:
         """Return the group, blocks as in PROPRIO, shape (num_envs, 31); noise is drawn anew at every call."""
         noise = self._proprio_noise
         qpos, qvel = self._views.qpos, self._views.qvel
-        position = (joints(qpos) - self._middle) / self._half_range
-        velocity = joints(qvel) / self._max_speed
         yaw = qpos[:, 2:3]
         base_velocity = torch.cat((qvel[:, :1] * yaw.cos() + qvel[:, 1:2] * yaw.sin(), qvel[:, 2:3]), -1)
-        eef_w = self._views.site_pos[:, self._eef]
-        eef_xy = rotate(eef_w[:, :2] - qpos[:, :2], yaw)
-        return torch.cat(
-            (
-                self.perturbed(position, noise.joint_position),
-                self.perturbed(velocity, noise.joint_velocity),
-                self.perturbed(base_velocity, noise.base_velocity),
-                eef_xy,
-                eef_w[:, 2:3],
-                self._views.action,
-            ),
-            -1,
+        return formulas.proprio(
+            self.perturbed(formulas.joint_position(joints(qpos)), noise.joint_position),
+            self.perturbed(formulas.joint_velocity(joints(qvel)), noise.joint_velocity),
+            self.perturbed(base_velocity, noise.base_velocity),
+            formulas.in_base(self._views.site_pos[:, self._eef], qpos),
+            self._views.action,
         )
 
     def perturbed(self, value: torch.Tensor, scale: float) -> torch.Tensor:
@@ -124,10 +111,3 @@ def joints(values: torch.Tensor) -> torch.Tensor:
     arm = values[:, 4:5] + values[:, 5:6]
     finger = 0.5 * (values[:, 9:10] + values[:, 10:11])
     return torch.cat((values[:, 3:4], arm, values[:, 6:9], finger, values[:, 11:13]), -1)
-
-
-def rotate(vector_w: torch.Tensor, yaw: torch.Tensor) -> torch.Tensor:
-    """Turn world vectors (num_envs, 2) into the base frame."""
-    x, y = vector_w[:, :1], vector_w[:, 1:2]
-    cos, sin = yaw.cos(), yaw.sin()
-    return torch.cat((cos * x + sin * y, cos * y - sin * x), -1)

@@ -1,7 +1,7 @@
 """Observation groups of the navigation task, everything relative to the robot (SPIN, Observation Space).
 
     proprio       (num_envs, 31)  see PROPRIO in `proprioception.py`
-    goal          (num_envs, 3)   goal in the base frame: x, y and distance [m], divided by GOAL_SCALE_M
+    goal          (num_envs, 3)   goal in the base frame: x, y and distance [m], divided by 2.5
     scandots      (num_envs, slots * 32)  tokens of what the camera sees, F(s_t, x_t)
     scandots_all  (num_envs, slots * 32)  tokens of the whole local window, s_t
     depth         (num_envs, rows * cols) image d_t, uint8, see `DepthImages.observe`; if enabled
@@ -19,16 +19,16 @@ from tensordict import TensorDict
 
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import DepthImages
-from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, rotate
+from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise
 
-GROUPS = ("proprio", "goal", "scandots", "scandots_all")
-OPTIONAL_GROUPS = ("depth",)
-GOAL_SCALE_M = 2.5
+NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+NAV_OPTIONAL_GROUPS = ("depth",)
 
 
 @dataclass(frozen=True)
-class NoiseConfig(ProprioNoise):
+class NavNoise(ProprioNoise):
     """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
 
     Attributes:
@@ -46,8 +46,9 @@ class NavObservations(Proprioception):
     def __init__(
         self,
         sim: Simulation,
+        goal: torch.Tensor,
         scandots: Scandots,
-        noise: NoiseConfig,
+        noise: NavNoise,
         seed: int,
         depth: DepthImages | None = None,
     ) -> None:
@@ -55,12 +56,14 @@ class NavObservations(Proprioception):
 
         Args:
             sim: The simulation to read.
+            goal: Where the base should go, world, a view [m], shape (num_envs, 2).
             scandots: Its scandot sensor.
             noise: Sensor noise.
             seed: Seed of the noise.
             depth: Its depth camera, if it has one.
         """
         super().__init__(sim, noise, seed)
+        self._goal = goal
         self._noise = noise
         self._depth = depth
         self._visible = wp.to_torch(scandots.visible).flatten(1)
@@ -69,20 +72,16 @@ class NavObservations(Proprioception):
     def compute(self) -> TensorDict:
         """Return new tensors of all groups; noise is drawn anew at every call."""
         proprio = self.proprio()
-        goal_b = self._goal_in_base()
+        goal_b = self.perturbed(formulas.in_base(self._goal, self._views.qpos), self._noise.goal_m)
         groups = {
             "proprio": proprio,
-            "goal": torch.cat((goal_b, goal_b.norm(dim=-1, keepdim=True)), -1) / GOAL_SCALE_M,
+            "goal": formulas.goal(goal_b),
             "scandots": self._with_noise(self._visible),
             "scandots_all": self._all.clone(),
         }
         if self._depth is not None:
             groups["depth"] = self._depth.observe()
         return TensorDict(groups, batch_size=[self._sim.nworld])
-
-    def _goal_in_base(self) -> torch.Tensor:
-        qpos = self._views.qpos
-        return self.perturbed(rotate(self._views.goal - qpos[:, :2], qpos[:, 2:3]), self._noise.goal_m)
 
     def _with_noise(self, tokens: torch.Tensor) -> torch.Tensor:
         if self._noise.scandots_m == 0.0:

@@ -8,10 +8,9 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.generator import generate_tabletops
-from spin_rl.sim import Simulation
-from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.env import TaskEnv, with_camera_at
 from spin_rl.tasks.common.object_choice import ObjectChoice
+from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.pick import episode as pick_episode
 from spin_rl.tasks.pick import rewards as pick_rewards
@@ -28,6 +27,8 @@ class PickEnv(ObjectChoice, TaskEnv):
     episode with a success at any time has the outcome success, however it ends.
     """
 
+    cfg: PickConfig
+    outcomes = pick_episode.PICK_OUTCOMES
     last_transition: PickTransition | None = None
 
     def __init__(
@@ -48,34 +49,21 @@ class PickEnv(ObjectChoice, TaskEnv):
             seed: Seed of tables, objects, start poses, dynamics and sensor noise.
             capture: False launches kernels eagerly.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
-        self.cfg = cfg
-        sim = Simulation(
+        super().__init__(
+            cfg,
             num_envs,
-            PoolSpec(),
-            robot.SPEED_PROFILES[cfg.robot_profile],
-            cfg.sim,
             device,
+            seed,
+            pool=PoolSpec(),
+            terms=pick_rewards.TERMS,
+            camera_action=[0.0] * len(robot.CAMERA_JOINTS),
             manipulation=cfg.manipulation,
         )
+        sim = self.sim
         self._scene_params = with_camera_at(cfg.scene, cfg.camera_pose)
-        scales = rewards.check_scales(cfg.reward, pick_rewards.TERMS)
-        camera_action = (
-            None if cfg.camera_pose is None else torch.zeros(len(robot.CAMERA_JOINTS), device=device)
-        )
-        super().__init__(cfg, sim, seed, scales, pick_rewards.TERMS, camera_action)
         with wp.ScopedDevice(device):
             self._allocate(cfg)
-        self.sight = Sight(
-            sim,
-            cfg.detector,
-            cfg.sight,
-            camera_mount=cfg.camera_mount,
-            camera_site=self.camera_site,
-            tan_half_fov=self.tan_half_fov,
-            images=self.depth,
-        )
+        self.sight = Sight(sim, cfg.detector, cfg.sight, camera_mount=cfg.camera_mount, images=self.depth)
         self.observations = PickObservations(
             sim,
             cfg.noise,
@@ -90,13 +78,13 @@ class PickEnv(ObjectChoice, TaskEnv):
         )
         self.statistics = PickStatistics(
             num_envs,
-            tuple(scales),
+            tuple(self._reward_scales),
             device,
             kind=sim.object.views.kind,
             near=sim.object.views.near,
             seen=wp.to_torch(self.sight.seen),
         )
-        self._begin(seed, capture)
+        self._begin(seed, capture, sensors=(self.sight, self.depth))
 
     def _allocate(self, cfg: PickConfig) -> None:
         n, sim = self.num_envs, self.sim
@@ -110,32 +98,16 @@ class PickEnv(ObjectChoice, TaskEnv):
         self._progress.hard_peak = wp.zeros(n, dtype=float)
         self._progress.level = self._level
         self._forces = pick_episode.read_forces(sim.grasp)
-        self._rules = pick_episode.PickRules()
-        self._rules.max_length = self.max_episode_length
-        self._rules.hold_steps = max(round(cfg.hold_s / cfg.sim.control_period), 1)
-        self._rules.lift = cfg.lift_m
-        self._rules.grasp_force = cfg.grasp_force_n
-        self._rules.finger_force = cfg.finger_force_n
-        self._rules.hard_force = cfg.hard_force_n
-        self._rules.fall = cfg.fall_m
-        self._rules.end_on_success = cfg.end_on_success
-        self._rules.level_up = self._moves.up
-        self._rules.level_down = self._moves.down
+        self._rules = rules_of(
+            pick_episode.PickRules, cfg, level_up=self._moves.up, level_down=self._moves.down
+        )
 
-    def _launch_step(self) -> None:
+    def _end_episodes(self) -> None:
         sim = self.sim
-        sim.advance()
         # Poses of the gripper are those of the last substep's start until now.
         sim.forward()
-        self._launch_end()
-        self.health.launch()
-        self._launch_reset(self._done)
-
-    def _launch_end(self) -> None:
-        """Describe the control step just made and end episodes."""
-        sim = self.sim
         wp.launch(
-            pick_episode._end_picks,
+            pick_episode.end_picks,
             dim=self.num_envs,
             inputs=[
                 sim.data.qpos,
@@ -150,13 +122,13 @@ class PickEnv(ObjectChoice, TaskEnv):
                 self._rules,
                 self._progress,
             ],
-            outputs=[self._step_arrays, self._final_qpos, self._final_qvel, self._outcome, self._done],
+            outputs=[self._step_arrays, self._end],
         )
 
-    def _launch_reset(self, mask: wp.array) -> None:
+    def _draw_scenes(self, mask: wp.array) -> None:
         sim, cfg = self.sim, self.cfg
         wp.launch(
-            pick_episode._set_near_share,
+            pick_episode.set_near_share,
             dim=self.num_envs,
             inputs=[self._level, cfg.curriculum.start, *cfg.near_share],
             outputs=[self._near_share],
@@ -172,19 +144,15 @@ class PickEnv(ObjectChoice, TaskEnv):
             near_share=self._near_share,
             kind_choice=self._kind_choice,
         )
-        sim.reset(mask)
+
+    def _begin_episodes(self, mask: wp.array) -> None:
+        super()._begin_episodes(mask)
         wp.launch(
-            pick_episode._begin_picks,
+            pick_episode.begin_picks,
             dim=self.num_envs,
-            inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
-            outputs=[self._progress, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask],
+            outputs=[self._progress, self._forces],
         )
-        if self.depth is not None:
-            self.depth.begin(mask)
-        sim.forward()
-        self.sight.update()
-        if self.depth is not None:
-            self.depth.update()
 
     def _before_step(self) -> None:
         self.statistics.before_step()

@@ -28,12 +28,12 @@ from tensordict import TensorDict
 from spin_rl import robot
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import DepthImages
-from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, joints, rotate
+from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, joints
 
 PICK_GROUPS = ("proprio", "hand", "object_start", "object", "object_at_start", "privileged")
 PICK_OPTIONAL_GROUPS = ("depth", "hand_in_image")
-NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
 FORCE_N = 15.0
 """Unit of the forces that the critic reads [N]."""
 # Blocks of the privileged group and their widths.
@@ -117,8 +117,8 @@ class PickObservations(Proprioception):
         start = self.perturbed(start, self._noise.object_m)
         groups = {
             "proprio": self.proprio(),
-            "hand": torch.cat((self._axes_in_base(gripper), grip[:, self._finger : self._finger + 1]), -1),
-            "object_start": self._in_base(start),
+            "hand": formulas.hand(gripper, self._views.qpos, grip[:, self._finger : self._finger + 1]),
+            "object_start": formulas.in_base(start, self._views.qpos),
             "object": self._told(self.perturbed(self._at, self._noise.object_m), gripper)
             * self._seen[:, None],
             "object_at_start": self._told(start, gripper),
@@ -142,32 +142,9 @@ class PickObservations(Proprioception):
             self._start_error = torch.where((self._length == 0)[:, None], drawn, self._start_error)
         return self._start_error
 
-    def _in_base(self, point_w: torch.Tensor) -> torch.Tensor:
-        """Turn world points (num_envs, 3) into the base frame."""
-        qpos = self._views.qpos
-        return torch.cat((rotate(point_w[:, :2] - qpos[:, :2], qpos[:, 2:3]), point_w[:, 2:3]), -1)
-
-    def _axes_in_base(self, gripper: torch.Tensor) -> torch.Tensor:
-        yaw = self._views.qpos[:, 2:3]
-        axes = (gripper[:, :, 0], gripper[:, :, 2])
-        return torch.cat([part for a in axes for part in (rotate(a[:, :2], yaw), a[:, 2:3])], -1)
-
     def _told(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
         """Return what a policy is told of an object that is seen at world points, shape (num_envs, 10)."""
-        offset = self._offset(at, gripper)
-        return torch.cat(
-            (
-                torch.ones_like(offset[:, :1]),
-                self._in_base(at),
-                (NEAR_PER_M * offset).clamp(-1.0, 1.0),
-                (CLOSE_PER_M * offset).clamp(-1.0, 1.0),
-            ),
-            -1,
-        )
-
-    def _offset(self, at: torch.Tensor, gripper: torch.Tensor) -> torch.Tensor:
-        """Turn world points (num_envs, 3) into the gripper's frame."""
-        return _turned_back(gripper, at - self.grasp_centre)
+        return formulas.seen_object(at, self._views.qpos, self.grasp_centre, gripper)
 
     def _privileged(self, gripper: torch.Tensor, grip: torch.Tensor) -> torch.Tensor:
         """Return the blocks of PRIVILEGED, shape (num_envs, 40)."""
@@ -180,10 +157,10 @@ class PickObservations(Proprioception):
                 torch.stack((grasp.table_force, grasp.hard_contact), -1) / FORCE_N,
                 grasp.object_support[:, None].float(),
                 (thing.kind[:, None] == self._kinds).float(),
-                self._in_base(thing.pos),
-                NEAR_PER_M * self._offset(thing.pos, gripper),
-                _turned_back(gripper, x_axis),
-                _turned_back(gripper, z_axis),
+                formulas.in_base(thing.pos, self._views.qpos),
+                formulas.NEAR_PER_M * formulas.turned_back(gripper, thing.pos - self.grasp_centre),
+                formulas.turned_back(gripper, x_axis),
+                formulas.turned_back(gripper, z_axis),
                 thing.half_extents * 10.0,
                 torch.stack(((thing.pos[:, 2] - thing.start_pose[:, 2]) * 10.0, bottom), -1),
                 thing.velocity[:, :3],
@@ -192,11 +169,6 @@ class PickObservations(Proprioception):
             ),
             -1,
         )
-
-
-def _turned_back(rotation: torch.Tensor, vector_w: torch.Tensor) -> torch.Tensor:
-    """Turn world vectors (num_envs, 3) into frames (num_envs, 3, 3)."""
-    return (rotation * vector_w[:, :, None]).sum(1)
 
 
 def _axes(quat: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

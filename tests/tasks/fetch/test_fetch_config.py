@@ -87,6 +87,6 @@ def test_impossible_configurations_are_refused(make, message):
 
 def test_configuration_file_has_the_defaults_of_the_code():
     from spin_rl.benchmark.settings import compose
-    from spin_rl.tasks.registry import fetch_config
+    from spin_rl.tasks.fetch.spec import FETCH
 
-    assert fetch_config(compose(["task=fetch"])) == FetchConfig()
+    assert FETCH.configure(compose(["task=fetch"])) == FetchConfig()

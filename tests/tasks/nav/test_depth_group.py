@@ -10,10 +10,11 @@ from nav_worlds import actions, assert_same, run
 from spin_rl.config import ConfigError
 from spin_rl.sensors.depth.noise import DepthNoiseConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.common.depth import image_shape
-from spin_rl.tasks.nav.observations import GROUPS
-from spin_rl.tasks.registry import default_config, env_config, with_depth
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import NAV_GROUPS
+from spin_rl.tasks.nav.spec import NAV
 
 NUM_ENVS = 4
 NOISY = DepthConfig(noise=DepthNoiseConfig(noise_per_m=0.01, dropout=0.05, latency_steps=(0, 2)))
@@ -43,7 +44,7 @@ def test_image_is_the_policys_input_in_8_bits(env):
 
 def test_everything_else_is_as_without_images(env, make_nav_env):
     plain = make_nav_env(replace(CONFIG, depth=None), NUM_ENVS, seed=5)
-    assert plain.depth is None and tuple(plain.get_observations().keys()) == GROUPS
+    assert plain.depth is None and tuple(plain.get_observations().keys()) == NAV_GROUPS
     with_images, without = records(env), records(plain)
     for step in with_images:
         del step["depth"]
@@ -82,9 +83,9 @@ def test_images_are_on_where_a_model_reads_them():
         "sim": {},
         "depth": {"filter": {"far_m": 3.0}},
     }
-    assert env_config(values).depth is None
+    assert NAV.configure(values).depth is None
     changed = with_depth(values)
-    assert env_config(changed).depth.filter.far_m == 3.0
+    assert NAV.configure(changed).depth.filter.far_m == 3.0
     assert changed["runner"]["actor"]["depth_encoder"] == {"image": [58, 87], "hidden": [8]}
     assert changed["runner"]["critic"] == {} and values["task"]["depth"] == {"enabled": False}
     values["runner"]["obs_groups"]["actor"] = ["proprio", "goal", "scandots"]
@@ -100,8 +101,8 @@ def test_shape_follows_the_mount(make_nav_env):
 
 
 def test_settings_are_checked_by_name():
-    assert default_config(["depth=d435i"]).depth is None
-    assert default_config(["depth=d435i", "task.depth.enabled=true"]).depth.noise.dropout > 0.0
+    assert NAV.as_trained(["depth=d435i"]).depth is None
+    assert NAV.as_trained(["depth=d435i", "task.depth.enabled=true"]).depth.noise.dropout > 0.0
     for override, message in (
         ("+depth.noise.drop=1", "depth.noise.drop: unknown key"),
         ("depth.noise.dropout=2", "depth.noise.dropout must be"),
@@ -109,4 +110,4 @@ def test_settings_are_checked_by_name():
         ("task.depth.enabled=1", "task.depth.enabled: expected true or false"),
     ):
         with pytest.raises(ConfigError, match=message):
-            default_config([override])
+            NAV.as_trained([override])

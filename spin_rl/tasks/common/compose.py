@@ -1,0 +1,116 @@
+"""From a composed Hydra configuration to a task's own: what is the same for every task."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, TypeVar
+
+from omegaconf import DictConfig, OmegaConf
+
+from spin_rl.config import ConfigError, from_mapping
+from spin_rl.sensors.depth.pipeline import DepthConfig
+from spin_rl.sim import SimConfig
+from spin_rl.tasks.common import rewards
+from spin_rl.tasks.common.config import TaskConfig
+from spin_rl.tasks.common.depth import image_shape
+
+Config = TypeVar("Config", bound=TaskConfig)
+
+
+def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
+    """Resolve a Hydra configuration into nested built-in types.
+
+    Raises:
+        ConfigError: A value is missing.
+    """
+    if isinstance(cfg, DictConfig):
+        missing = OmegaConf.missing_keys(cfg)
+        if missing:
+            raise ConfigError(f"{min(missing)}: a value is needed")
+        return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
+    return dict(cfg)
+
+
+def task_config(
+    cfg: DictConfig | Mapping[str, Any], name: str, kind: type[Config], scene: type, terms: Collection[str]
+) -> Config:
+    """Build a task's configuration from the groups task, robot, scene, reward, sim and depth.
+
+    Args:
+        cfg: Composed configuration; `reward` may be missing, as in evaluation. There is a depth camera if
+            `task.depth.enabled` says so, see `with_depth`.
+        name: Name of the task.
+        kind: Its configuration.
+        scene: Parameters of its scenes, a dataclass.
+        terms: Its reward terms.
+
+    Raises:
+        ConfigError: Another task, an unknown key or an impossible value, named in the message.
+    """
+    values = plain(cfg)
+    task = dict(values["task"])
+    given = task.pop("name")
+    if given != name:
+        raise ConfigError(f"task: {given!r} is not a task of this command; use {name}")
+    groups = {
+        "robot_profile": _robot_profile(values["robot"]),
+        "scene": from_mapping(scene, values["scene"], "scene"),
+        "sim": from_mapping(SimConfig, values["sim"], "sim"),
+        "reward": _reward(values.get("reward") or {}, terms),
+        "depth": from_mapping(DepthConfig, values.get("depth") or {}, "depth"),
+    }
+    if not _depth_is_enabled(task.pop("depth", {})):
+        groups["depth"] = None
+    for name in groups:
+        if name in task:
+            raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
+    return from_mapping(kind, task | groups, "task")
+
+
+def with_depth(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Switch the depth camera on if a model reads it, and tell the model the size of its images.
+
+    Args:
+        values: Composed configuration, as plain types, with `runner.obs_groups`.
+    """
+    runner, task = dict(values["runner"]), dict(values["task"])
+    readers = [
+        model
+        for model, groups in runner["obs_groups"].items()
+        if any(str(group).startswith("depth") for group in groups or ())
+    ]
+    for model in readers:
+        section = dict(runner[model])
+        image = list(image_shape(task["camera_mount"]))
+        section["depth_encoder"] = {"image": image} | dict(section.get("depth_encoder") or {})
+        runner[model] = section
+    if readers:
+        task["depth"] = dict(task.get("depth") or {}) | {"enabled": True}
+    return dict(values) | {"runner": runner, "task": task}
+
+
+def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
+    unknown = sorted(set(values) - {"enabled"})
+    if unknown:
+        raise ConfigError(f"task.depth.{unknown[0]}: unknown key; noise and filter are a group of their own")
+    enabled = values.get("enabled", False)
+    if type(enabled) is not bool:
+        raise ConfigError(f"task.depth.enabled: expected true or false, got {enabled!r}")
+    return enabled
+
+
+def _robot_profile(values: Mapping[str, Any]) -> str:
+    unknown = sorted(set(values) - {"profile"})
+    if unknown:
+        raise ConfigError(f"robot.{unknown[0]}: unknown key; choose from profile")
+    profile = values.get("profile")
+    if not isinstance(profile, str):
+        raise ConfigError(f"robot.profile: expected a name, got {profile!r}")
+    return profile
+
+
+def _reward(values: Mapping[str, Any], terms: Collection[str]) -> dict[str, float]:
+    try:
+        return rewards.check_scales(dict(values), terms)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
