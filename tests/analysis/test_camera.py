@@ -190,7 +190,7 @@ def test_all_variants_have_the_same_corridors(make_nav_env):
 def test_zero_policy_with_held_cameras(device, tmp_path):
     lines = []
     result = camera.analyse_camera(
-        policies.open_policy("zero")[0],
+        policies.open_policy("zero").make,
         NavConfig(episode_s=1.6),
         episodes=1,
         seeds=[0],

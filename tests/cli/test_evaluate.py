@@ -49,7 +49,7 @@ def run_main(monkeypatch, *arguments):
             ["policy=nav-cvo", "pick=pick-teacher"],
             "pick: pick-teacher needs benchmark=fetch or benchmark=place",
         ),
-        (["policy=zero", "benchmark=fetch", "pick=3"], "pick: give a name"),
+        (["policy=zero", "benchmark=fetch", "pick=3"], "pick: expected a name, checkpoint"),
         (["policy=zero", "benchmark=place", "pick=none-such"], "pick: There is no policy 'none-such'"),
         (
             ["policy=pick-teacher", "benchmark=fetch"],
