@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from spin_rl.config import ConfigError
 from spin_rl.models.groups import OBJECT
@@ -18,18 +18,20 @@ _RANGE = ("near_m", "far_m")
 """What of a depth filter is the policy's own: how metres become the image that it reads."""
 
 
-def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: Sequence[str]) -> DictConfig:
+def for_policy(
+    values: Mapping[str, Any], trained: Mapping[str, Any] | None, overridden: Sequence[str]
+) -> dict[str, Any]:
     """Take over what a policy was trained with, except for what the user asked for.
 
     Args:
-        cfg: Composed conf/eval.yaml.
+        values: Composed conf/eval.yaml.
         trained: Configuration of the policy's training, nested; None or empty changes nothing.
         overridden: Overrides of the command line, such as `robot=re1` or `task.camera_mount=landscape`.
 
     Returns:
         A new configuration.
     """
-    result = cfg.copy()
+    result = OmegaConf.create(dict(values))
     asked = {override.lstrip("+~").partition("=")[0] for override in overridden}
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
@@ -48,7 +50,7 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
             by_user -= {"depth"}
         if value is not None and not by_user & asked:
             OmegaConf.update(result, key, value, force_add=True)
-    return result
+    return OmegaConf.to_container(result)  # type: ignore[return-value]
 
 
 def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:

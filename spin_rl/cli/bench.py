@@ -19,7 +19,7 @@ from spin_rl.files import write_json
 from spin_rl.machine import num_cores
 from spin_rl.speed import rows as throughput
 from spin_rl.speed.timing import Stopwatch
-from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
 SUBJECTS = ("visibility", "depth", "env", "update", "train")
@@ -64,7 +64,7 @@ def main() -> None:
 
 def bench(call: common.Call) -> None:
     """Measure what was asked for, print the table and write the JSON."""
-    values = with_depth(plain(call.cfg))
+    values = with_depth(call.values)
     options = read_options(values, call.overrides)
     if options.device == "cpu":
         torch.set_num_threads(1)  # as in training

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
 import hydra
 import torch
@@ -27,9 +27,13 @@ from spin_rl.config import ConfigError, Means
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.scene_file import load_scene
-from spin_rl.tasks.common.compose import compose
+from spin_rl.tasks.common.compose import compose, plain
 
 PolicyName = Annotated[str, Means("a name, checkpoint, run directory, .safetensors file, zero or random")]
+RENAMED = {"baseline": "camera"} | {
+    f"camera.{key}": f"camera_analysis.{key}" for key in ("tilts", "blind", "cells")
+}
+"""Old name of a setting -> what it is called now."""
 # What a user can cause; anything else is a defect and keeps its traceback.
 USER_ERRORS = (
     ConfigError,
@@ -48,12 +52,12 @@ class Call:
     """A call of a command.
 
     Attributes:
-        cfg: Its composed configuration.
+        values: Its composed configuration, nested.
         overrides: Those of the command line, and those that follow from them, such as the policy's task.
         opened: The policy that the command line names, where it was opened to know its task.
     """
 
-    cfg: DictConfig
+    values: dict[str, Any]
     overrides: Sequence[str]
     opened: PolicySource | None = None
 
@@ -82,8 +86,8 @@ def run(
     """
     arguments = sys.argv[1:]
     with _one_line_errors(name):
-        for reason in [refused[argument] for argument in arguments if argument in refused]:
-            raise ConfigError(reason)
+        for argument in arguments:
+            _refuse(argument, refused)
         overrides, opened = complete(arguments)
         if not any(_is_of_hydra(argument) for argument in arguments):
             body(Call(compose(name, overrides), overrides, opened))
@@ -91,10 +95,19 @@ def run(
 
         def job(cfg: DictConfig) -> None:
             with _one_line_errors(name):
-                body(Call(cfg, HydraConfig.get().overrides.task, opened))
+                body(Call(plain(cfg), HydraConfig.get().overrides.task, opened))
 
         sys.argv[1:] = overrides  # what Hydra reads
         hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(job)()
+
+
+def _refuse(argument: str, refused: Mapping[str, str]) -> None:
+    """Reject an argument that a command cannot take, and one of a setting that has another name now."""
+    if argument in refused:
+        raise ConfigError(refused[argument])
+    key, _, value = argument.lstrip("+~").partition("=")
+    if key in RENAMED:
+        raise ConfigError(f"{key}: is called {RENAMED[key]} now: {RENAMED[key]}={value}")
 
 
 def _is_of_hydra(argument: str) -> bool:

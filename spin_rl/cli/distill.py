@@ -24,7 +24,7 @@ from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import TrainedPolicy
 from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.warm_start import copy_model
-from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.registry import TaskSpec, find_task
@@ -56,7 +56,7 @@ def distill(call: common.Call) -> None:
     Writes into the run's folder what `spin-train` does. Bad settings are found before anything is written or
     compiled.
     """
-    options = run_folder.read_options(Options, plain(call.cfg), call.overrides)
+    options = run_folder.read_options(Options, call.values, call.overrides)
     if options.mode == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
         raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
     teacher = run_folder.open_source("teacher", options.teacher)
@@ -126,7 +126,7 @@ def _make_runner(
 
 def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> dict[str, Any]:
     """Return the run's configuration: fill in what the teacher says, and check what the student learns by."""
-    values = plain(settings.for_policy(call.cfg, teacher.config, options.overrides))
+    values = settings.for_policy(call.values, teacher.config, options.overrides)
     spec = find_task(values["task"]["name"])
     own = teacher.config.get("task", {}).get("name")
     check_task("teacher", teacher.name, own, spec.name, spec.name)

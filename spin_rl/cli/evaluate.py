@@ -14,7 +14,6 @@ from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.files import write_json
-from spin_rl.tasks.common.compose import plain
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -23,7 +22,7 @@ _ANALYSED = "reach"
 """The benchmark that the analyses look into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
 """The analysis of the camera runs the benchmark a dozen times."""
-_TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "baseline")
+_TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "camera")
 """Overrides that a replay by spin-play needs as well."""
 _PLOTS = (".png", ".pdf", ".svg")
 
@@ -61,7 +60,7 @@ class Options:
         analysis: One of `ANALYSES`, or None.
         plot: Drawing to write, or None.
         out: JSON to write, or None.
-        camera: Of `analysis=camera`.
+        camera_analysis: Of `analysis=camera`.
         overrides: Those of the command line.
     """
 
@@ -76,7 +75,7 @@ class Options:
     analysis: Annotated[str, Choice(ANALYSES)] | None
     plot: Path | None
     out: Path | None
-    camera: CameraOptions
+    camera_analysis: CameraOptions
     overrides: tuple[str, ...]
 
 
@@ -90,7 +89,7 @@ def evaluate(call: common.Call) -> None:
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
     source = policies.open_for(spec, {"policy": options.policy, "pick": options.pick}, call.opened)
-    task = spec.configure(settings.for_policy(call.cfg, source.trained, options.overrides))
+    task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
     mistake = settings.unused_depth(task, options.overrides)
     if mistake is not None:
         raise ConfigError(mistake)
@@ -136,14 +135,14 @@ def _analyse_camera(options: Options, source: policies.PolicySource, task: Any) 
     from spin_rl.analysis.camera import analysis, report, variants
     from spin_rl.benchmark import reach
 
-    cells = options.camera.cells
+    cells = options.camera_analysis.cells
     result = analysis.analyse_camera(
         source.make,
         task,
         options.episodes,
         options.seeds,
         options.device,
-        held=variants.held_variants(options.camera.tilts, options.camera.blind),
+        held=variants.held_variants(options.camera_analysis.tilts, options.camera_analysis.blind),
         cells=reach.REACH_CELLS if cells is None else variants.parse_cells(cells),
         policy_name=options.policy,
         num_envs=options.num_envs,
@@ -175,10 +174,10 @@ def read_options(call: common.Call) -> Options:
     Raises:
         ConfigError: One line that names the key.
     """
-    values = plain(call.cfg)
+    values = call.values
     if values["analysis"] == "camera":
         given = {override.partition("=")[0] for override in call.overrides}
-        values |= {key: value for key, value in _ANALYSIS_COUNTS.items() if key not in given}
+        values = values | {key: value for key, value in _ANALYSIS_COUNTS.items() if key not in given}
     benchmark = benchmarks.find(values["benchmark"], values["task"]["name"])
     device = common.resolve_device(values["device"])
     found = {"benchmark": benchmark, "device": device, "overrides": tuple(call.overrides)}

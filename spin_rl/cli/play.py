@@ -16,7 +16,6 @@ from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
-from spin_rl.tasks.common.compose import plain
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TASKS, TaskSpec, find_task
 
@@ -78,7 +77,7 @@ def main() -> None:
 
 def play(call: common.Call) -> None:
     """Show the policy that was asked for; write the video and the plots before any live view."""
-    spec = find_task(call.cfg.task.name)
+    spec = find_task(call.values["task"]["name"])
     options = read_options(call, spec)
     players = Players(call, spec, options)
     if options.device == "cpu":
@@ -165,7 +164,7 @@ class Players:
         # Only once: a training that goes on may have replaced the file when it is chosen again.
         opened, self._opened = self._opened, None
         source = policies.open_for(self._spec, {"policy": policy, "pick": options.pick}, opened)
-        task = self._spec.configure(settings.for_policy(self._call.cfg, source.trained, overrides))
+        task = self._spec.configure(settings.for_policy(self._call.values, source.trained, overrides))
         idle = settings.unused_depth(task, overrides)
         if idle is not None:  # no error: the browser's menu has other policies
             print(f"warning: {idle}", file=sys.stderr)
@@ -200,7 +199,7 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
     Raises:
         ConfigError: One line that names the key.
     """
-    values = plain(call.cfg)
+    values = call.values
     default = "none" if values["video"] or values["plots"] else "viser"
     found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
     options = from_keys(Options, values | found)

@@ -18,7 +18,7 @@ from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import TrainedPolicy
 from spin_rl.runners.ppo.dvo import check_teacher
 from spin_rl.runners.warm_start import warm_start
-from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.registry import find_task
 
 
@@ -47,7 +47,7 @@ def train(call: common.Call) -> None:
     """
     from spin_rl.runners.ppo.runner import PPORunner
 
-    values = with_depth(plain(call.cfg))
+    values = with_depth(call.values)
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
     options, start = read_options(values, call.overrides)

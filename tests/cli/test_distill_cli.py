@@ -29,7 +29,7 @@ TINY = [TEACHER, "num_envs=4", "runner.num_steps_per_env=4", "runner.algorithm.f
 
 
 def run_options():
-    values = OmegaConf.to_container(compose("train", ["run_dir=here", "device=cpu"]), resolve=True)
+    values = compose("train", ["run_dir=here", "device=cpu"])
     return run_folder.read_options(run_folder.RunOptions, values, ())
 
 

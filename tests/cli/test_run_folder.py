@@ -1,5 +1,3 @@
-from omegaconf import OmegaConf
-
 from spin_rl.benchmark import after_training
 from spin_rl.cli import run_folder
 from spin_rl.tasks.common.compose import compose
@@ -11,8 +9,7 @@ def test_the_evaluation_after_a_training_knows_its_call(monkeypatch, tmp_path):
     monkeypatch.setattr(after_training, "evaluate_run", lambda run_dir, **options: calls.append(options))
     summary = {"success_rate": 0.5, "env_steps": 100}
     for episodes in (7, 0):
-        cfg = compose("train", [f"evaluate={episodes}", "run_dir=here", "device=cpu"])
-        values = OmegaConf.to_container(cfg, resolve=True)
+        values = compose("train", [f"evaluate={episodes}", "run_dir=here", "device=cpu"])
         options = run_folder.read_options(run_folder.RunOptions, values, overrides)
         run_folder.write_results(tmp_path, summary, options)
     (options,) = calls

@@ -28,6 +28,7 @@ def run_main(monkeypatch, *arguments):
     [
         ("nonsense=1", "nonsense"),
         ("robot=foo", "robot/foo"),
+        ("baseline=fixcam_I", "baseline: is called camera now: camera=fixcam_I"),
         ("task.episode_s=-1", "task.episode_s must exceed"),
         ("task.episode_s=[", "task.episode_s=["),
         ("scene.width=0.1", "scene.width"),

@@ -21,16 +21,20 @@ from spin_rl.tasks.common.depth import image_shape
 Config = TypeVar("Config", bound=TaskConfig)
 
 
-def compose(name: str, overrides: Sequence[str] = ()) -> DictConfig:
-    """Compose a file of conf/, also inside a run of Hydra's own.
+def compose(name: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Compose a file of conf/ into nested built-in types, also inside a run of Hydra's own.
 
     Args:
         name: The file, such as `eval`.
         overrides: Hydra overrides, such as `robot=re1`.
+
+    Raises:
+        ConfigError: A value is missing.
+        HydraException: An override does not fit.
     """
     running = GlobalHydra.instance().is_initialized()  # commands here all search the same folder
     with nullcontext() if running else hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-        return hydra.compose(name, list(overrides))
+        return plain(hydra.compose(name, list(overrides)))
 
 
 def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
