@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -17,7 +18,6 @@ from spin_rl.policy import PolicyFactory
 from spin_rl.runners.policy_file import read_policy
 from spin_rl.tasks.registry import TaskSpec
 
-UNTRAINED = ("zero", "random")
 SHIPPED = {"pick": {False: "pick-teacher", True: "pick-depth"}}
 """Key -> which shipped policy that is if none is named, by whether the one that drives reads images."""
 
@@ -45,6 +45,12 @@ class RandomPolicy(ZeroPolicy):
         return torch.rand(shape, generator=self._rng, device=self._rng.device) * 2.0 - 1.0
 
 
+UNTRAINED: Mapping[str, PolicyFactory] = MappingProxyType(
+    {"zero": lambda obs, device: ZeroPolicy(), "random": lambda obs, device: RandomPolicy(device)}
+)
+"""What acts in any task without having learned, by name."""
+
+
 @dataclass(frozen=True)
 class PolicySource:
     """What acts in a task, opened once: a policy, or several that take turns.
@@ -70,16 +76,14 @@ def open_policy(name: str, key: str = "policy") -> PolicySource:
     """Find a policy.
 
     Args:
-        name: Shipped policy, checkpoint, run directory, .safetensors file, `zero` or `random`.
+        name: Shipped policy, checkpoint, run directory, .safetensors file, or one of `UNTRAINED`.
         key: What names it on the command line.
 
     Raises:
         ConfigError: There is no such policy, or it is damaged.
     """
-    if name == "zero":
-        return PolicySource({key: name}, {}, lambda obs, device: ZeroPolicy())
-    if name == "random":
-        return PolicySource({key: name}, {}, lambda obs, device: RandomPolicy(device))
+    if name in UNTRAINED:
+        return PolicySource({key: name}, {}, UNTRAINED[name])
     try:
         policy = read_policy(name)
     except FileNotFoundError as error:

@@ -81,7 +81,7 @@ def run(
     Args:
         name: Configuration file in conf/, also the command's name after `spin-`.
         body: The command.
-        complete: Adds the overrides that follow from those given.
+        complete: Appends the overrides that follow from those given.
         refused: Arguments that this command cannot take, and why.
     """
     arguments = sys.argv[1:]
@@ -97,7 +97,10 @@ def run(
             with _one_line_errors(name):
                 body(Call(plain(cfg), HydraConfig.get().overrides.task, opened))
 
-        sys.argv[1:] = overrides  # what Hydra reads
+        # Hydra reads these, and wants overrides side by side: behind a flag, further ones are unknown to it.
+        given = [i for i, argument in enumerate(arguments) if "=" in argument and argument[0] != "-"]
+        end = max(given, default=-1) + 1
+        sys.argv[1:] = [*overrides[:end], *overrides[len(arguments) :], *overrides[end : len(arguments)]]
         hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(job)()
 
 

@@ -95,7 +95,7 @@ def play(call: common.Call) -> None:
         with Browser(options.host, options.port) as browser:
             browser.run(
                 lambda name: players.open(name, options.worlds),
-                policies=list(dict.fromkeys([options.policy, *names, "zero", "random"])),
+                policies=list(dict.fromkeys([options.policy, *names, *policies.UNTRAINED])),
                 scenario=options.scenario,
                 difficulty=options.level,
             )

@@ -145,3 +145,11 @@ def test_fetches_end_to_end(monkeypatch, capsys, device, tmp_path):
         "banana": 4, "mug": 2, "can": 2, "brick": 2, "bottle": 2
     }  # fmt: skip
     assert result["overall"]["duration_all_s"] == pytest.approx(0.3)
+
+
+def test_flags_of_hydra_find_the_task_of_the_policy(monkeypatch, capfd):
+    run_main(monkeypatch, "policy=pick-teacher", "--cfg", "job")
+    assert "\n  name: pick\n" in capfd.readouterr().out
+    with pytest.raises(SystemExit) as stopped:
+        run_main(monkeypatch, "-m", "policy=zero,random", "seeds=3")
+    assert stopped.value.code == 2 and "spin-eval: error: seeds: expected a list" in capfd.readouterr().err
