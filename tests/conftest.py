@@ -3,7 +3,7 @@
 import pytest
 import warp as wp
 
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 NUM_WORLDS = 8

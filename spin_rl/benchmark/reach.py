@@ -14,7 +14,7 @@ from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 

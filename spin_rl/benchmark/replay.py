@@ -6,7 +6,7 @@ from spin_rl.benchmark.reach import Cell
 from spin_rl.benchmark.rounds import SEED_OFFSET
 from spin_rl.scenes.kinds import DIFFICULTIES
 from spin_rl.scenes.layout import Scene
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 

@@ -78,7 +78,6 @@ class Views:
     base_velocity: torch.Tensor
     part_contacts: torch.Tensor
     self_contact: torch.Tensor
-    goal: torch.Tensor
 
 
 class Simulation:
@@ -173,7 +172,6 @@ class Simulation:
             base_velocity=wp.to_torch(self.base_velocity),
             part_contacts=wp.to_torch(self.contacts.parts),
             self_contact=wp.to_torch(self.contacts.self_contact),
-            goal=wp.to_torch(self.layout.goal),
         )
 
     @property

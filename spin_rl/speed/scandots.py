@@ -13,7 +13,7 @@ from spin_rl.sim.graph import StepGraph
 from spin_rl.speed.peers.scandots import HostWorlds, SightModel, scandot_tokens_numpy
 from spin_rl.speed.rows import Row, cost_row
 from spin_rl.speed.timing import Stopwatch, Subject, interleave
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 OBSTACLES = PoolSpec(num_walls=0, num_boxes=10, num_cylinders=4)
 MIN_WORLDS = 256

@@ -41,8 +41,8 @@ class Player:
         self._policy = policy
         self._snapshots: list[Snapshot] = []
         # What only some tasks have.
-        self._set_cells, self._scandots, self._sight, self._stage = (
-            getattr(env, name, None) for name in ("set_cells", "scandots", "sight", "stage")
+        self._set_cells, self._goal, self._scandots, self._sight, self._stage = (
+            getattr(env, name, None) for name in ("set_cells", "goal", "scandots", "sight", "stage")
         )
 
     @property
@@ -144,11 +144,12 @@ class Player:
                 replace(scene, pos=pos[world]) if scene.moves else scene
                 for world, scene in enumerate(self._scenes)
             ]
-        goal = layout.goal.numpy().astype(float)
-        self._scenes = [
-            scene if (scene.goal == goal[world]).all() else replace(scene, goal=goal[world])
-            for world, scene in enumerate(self._scenes)
-        ]
+        if self._goal is not None:
+            goal = self._goal.cpu().numpy().astype(float)
+            self._scenes = [
+                scene if (scene.goal == goal[world]).all() else replace(scene, goal=goal[world])
+                for world, scene in enumerate(self._scenes)
+            ]
 
     def _read_stages(self) -> Sequence[str | None]:
         if self._stage is None:

@@ -84,10 +84,11 @@ class Snapshot:
     @property
     def marks(self) -> Scandots:
         """The points that the policy is given while they are seen: scandots, and the object's centre."""
-        parts = [] if self.scandots is None else [self.scandots]
-        if self.target is not None:
-            parts.append(Scandots(self.target.pose[None, :3], np.array([self.target.seen])))
-        return Scandots(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "seen")))
+        marks = self.scandots or Scandots(np.zeros((0, 3)), np.zeros(0, dtype=bool))
+        if self.target is None:
+            return marks
+        points = np.concatenate((marks.points, self.target.pose[None, :3]))
+        return Scandots(points, np.append(marks.seen, self.target.seen))
 
     @property
     def ended(self) -> bool:

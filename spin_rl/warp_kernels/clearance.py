@@ -5,7 +5,7 @@
 import warp as wp
 
 from spin_rl.warp_kernels.geometry import rotate_yaw_inverse
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import Slots
 
 _HALVINGS = 10
 """Steps of the search along a segment: its nearest point is found to a 2048th of the segment."""
@@ -34,7 +34,7 @@ class Shapes:
 
 
 @wp.struct
-class Motion:
+class BodyMotion:
     """Poses and velocities of one time, as in MuJoCo Warp's ``Data``."""
 
     geom_xpos: wp.array2d[wp.vec3]
@@ -130,7 +130,7 @@ def _is_near(slot: Slot, centre: wp.vec3, reach: wp.vec2, limit: float) -> bool:
 
 
 @wp.func
-def _robot_reach(shapes: Shapes, motion: Motion, world: int) -> float:
+def _robot_reach(shapes: Shapes, motion: BodyMotion, world: int) -> float:
     """How far the robot extends horizontally from the centre of its first shape [m]."""
     middle = motion.geom_xpos[world, shapes.geom[0]]
     farthest = float(0.0)
@@ -143,7 +143,7 @@ def _robot_reach(shapes: Shapes, motion: Motion, world: int) -> float:
 
 @wp.func
 def _measure_shape(
-    i: int, shapes: Shapes, motion: Motion, slot: Slot, world: int, limit: float, best: wp.vec2
+    i: int, shapes: Shapes, motion: BodyMotion, slot: Slot, world: int, limit: float, best: wp.vec2
 ) -> wp.vec2:
     """Lower the smallest distance, and raise the largest haste, by those of one shape and one slot."""
     centre = motion.geom_xpos[world, shapes.geom[i]]
@@ -171,8 +171,8 @@ def _measure_shape(
 @wp.kernel
 def _measure_clearance(
     shapes: Shapes,
-    motion: Motion,
-    obstacles: Obstacles,
+    motion: BodyMotion,
+    obstacles: Slots,
     limit: float,
     # Out
     clearance_out: wp.array[float],
@@ -201,8 +201,8 @@ def _measure_clearance(
 
 def measure_clearance(
     shapes: Shapes,
-    motion: Motion,
-    obstacles: Obstacles,
+    motion: BodyMotion,
+    obstacles: Slots,
     *,
     limit: float,
     clearance_out: wp.array,

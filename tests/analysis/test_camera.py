@@ -19,7 +19,7 @@ from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 BLIND = (-3.14, 0.79)
 AHEAD = (0.0, -0.6)

@@ -22,7 +22,8 @@ from spin_rl.benchmark.replay import benchmark_scene
 from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.tasks.common.config import CurriculumConfig, NavConfig
+from spin_rl.tasks.common.config import CurriculumConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 BLIND = (-3.14, 0.79)
 AHEAD = (0.0, -0.6)

@@ -4,7 +4,7 @@ import torch
 
 from spin_rl import robot
 from spin_rl.analysis.hits import FLOOR, NearestObstacle
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 NUM_WORLDS = 12
 

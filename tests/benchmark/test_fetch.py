@@ -112,7 +112,7 @@ class Script:
         if self.step == 0:
             views = self.env.sim.views
             stowed = robot.qpos_from_joints(self.env.sim.mj_model, robot.STOWED)[3:13]
-            views.qpos[1, :2] = views.goal[1]
+            views.qpos[1, :2] = self.env.goal[1]
             views.qpos[1, 3:13] = torch.as_tensor(stowed, dtype=torch.float32)
         if self.step == 1:
             actions[2] = torch.nan

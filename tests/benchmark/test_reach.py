@@ -10,7 +10,7 @@ from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.scene_file import load_scene
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 BASE, ARM = robot.PARTS.index("base"), robot.PARTS.index("arm")
 

@@ -13,7 +13,7 @@ from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.sensors.clearance import Clearance, robot_shapes
 from spin_rl.sim import SimConfig, Simulation
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 NUM_WORLDS = 40
 

@@ -19,7 +19,7 @@ from spin_rl.speed.peers import rsl_rl as rsl_rl_peer
 from spin_rl.speed.peers.scandots import SightModel, scandot_tokens_numpy
 from spin_rl.speed.timing import Stopwatch, Timing
 from spin_rl.tasks.common.compose import plain
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 from spin_rl.tasks.nav.spec import NAV
 

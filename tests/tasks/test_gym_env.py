@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 
 import spin_rl.tasks.gym_env  # noqa: F401  (registers the environment)
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,7 @@ def test_a_fetch_plays_and_the_status_tells_its_stage(browser, device):
     assert "reach, running" in browser._status.content and "goal in" in browser._status.content
     assert browser._scenario.visible and browser._views[0]._object_root is not None
     player = open_player("zero")
-    env.sim.views.qpos[0, :2] = env.sim.views.goal[0]
+    env.sim.views.qpos[0, :2] = env.goal[0]
     browser.show(player.step(), player)
     assert "align, running" in browser._status.content
     browser._scenario.value = "1"

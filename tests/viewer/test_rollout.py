@@ -11,10 +11,10 @@ from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.depth.filter import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
 from spin_rl.tasks.fetch.state import STAGES
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
@@ -185,7 +185,7 @@ def test_player_shows_stage_object_and_present_goal_of_fetches(device):
     table = first[0].scene.goal
 
     # The first robot has come to the table, folded what it holds, and is about to carry it back.
-    env.sim.views.qpos[0, :2] = env.sim.views.goal[0]
+    env.sim.views.qpos[0, :2] = env.goal[0]
     assert [state.stage for state in player.step()] == ["align", "reach"]
     for name, value in (("stage", STAGES.index("retract")), ("phase", 4), ("phase_time", 10)):
         wp.to_torch(getattr(env._state, name))[0] = value
@@ -214,3 +214,8 @@ def test_plots_name_the_stages_where_they_begin():
         "reach", "align", "pick", "align"
     ]  # fmt: skip
     assert trace_of([snapshot()]).stages == []
+
+
+def test_a_task_without_corners_and_objects_has_no_marks():
+    marks = replace(snapshot(), scandots=None).marks
+    assert marks.points.shape == (0, 3) and marks.seen.shape == (0,)

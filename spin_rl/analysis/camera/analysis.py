@@ -20,7 +20,7 @@ from spin_rl.benchmark.rounds import SEED_OFFSET
 from spin_rl.config import ConfigError
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 _Z95 = 1.959963984540054

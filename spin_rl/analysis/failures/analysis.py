@@ -17,7 +17,7 @@ from spin_rl.benchmark.reach import REACH_CELLS, run_cells
 from spin_rl.benchmark.rounds import SEED_OFFSET
 from spin_rl.machine import commit
 from spin_rl.policy import PolicyFactory
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 

@@ -10,6 +10,7 @@ import warp as wp
 
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.layout import PoolSpec
+from spin_rl.warp_kernels.structs import struct_of
 
 
 @dataclass(frozen=True)
@@ -137,11 +138,7 @@ class FetchTableStruct:
 @lru_cache(maxsize=8)
 def table_struct(params: FetchTableParams) -> FetchTableStruct:
     """The kernel's copy of the parameters."""
-    struct = FetchTableStruct()
-    for entry in fields(params):
-        value = getattr(params, entry.name)
-        setattr(struct, entry.name, wp.vec2(*value) if isinstance(value, tuple) else value)
-    return struct
+    return struct_of(FetchTableStruct, params)
 
 
 def _require(condition: bool, message: str) -> None:

@@ -9,6 +9,7 @@ from functools import lru_cache
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.warp_kernels.structs import struct_of
 
 
 @dataclass(frozen=True)
@@ -167,11 +168,7 @@ class TabletopStruct:
 @lru_cache(maxsize=8)
 def tabletop_struct(params: TabletopParams) -> TabletopStruct:
     """The kernel's copy of the parameters."""
-    struct = TabletopStruct()
-    for field in fields(params):
-        value = getattr(params, field.name)
-        setattr(struct, field.name, wp.vec2(*value) if isinstance(value, tuple) else value)
-    return struct
+    return struct_of(TabletopStruct, params)
 
 
 def _require(condition: bool, message: str) -> None:

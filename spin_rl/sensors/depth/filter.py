@@ -133,7 +133,7 @@ class DepthFilter:
             mask: Worlds that start a new episode, shape (nworld,), bool.
         """
         wp.launch(
-            depth_images._restart_frames,
+            depth_images.restart_frames,
             dim=self._num_worlds,
             inputs=[mask],
             outputs=[self._frame],
@@ -150,7 +150,7 @@ class DepthFilter:
             image = self._dilate(image, image, first, config.dilate_px, config.dilate_px, is_diamond=True)
         if config.close_px > 0:
             wp.launch(
-                depth_holes._close_lines,
+                depth_holes.close_lines,
                 dim=(self._num_worlds, math.ceil(self._lines.count / self._lanes)),
                 inputs=[image, self._lines, self._lanes, config.close_px, third],
                 outputs=[second],
@@ -163,7 +163,7 @@ class DepthFilter:
             image = self._dilate(image, spread, first, config.fill_px, 0)
         if config.blur > 0.0 or config.median_support > 0:
             wp.launch(
-                depth_smoothing._smooth_pixels,
+                depth_smoothing.smooth_pixels,
                 dim=(self._num_worlds, rows, math.ceil(cols / self._lanes)),
                 inputs=[image, rows, cols, self._lanes, self._smoothing],
                 outputs=[third],
@@ -171,13 +171,13 @@ class DepthFilter:
             )
             image = third
         wp.launch(
-            depth_smoothing._remember_pixels,
+            depth_smoothing.remember_pixels,
             dim=(self._num_worlds, rows * cols // run),
             inputs=[image, rows * cols, run, self._memory, self._frame, self._age, self._history],
             outputs=[self._policy],
             device=device,
         )
-        wp.launch(depth_images._count_frames, dim=self._num_worlds, inputs=[self._frame], device=device)
+        wp.launch(depth_images.count_frames, dim=self._num_worlds, inputs=[self._frame], device=device)
 
     def _dilate(
         self,
@@ -192,7 +192,7 @@ class DepthFilter:
     ) -> wp.array:
         """Write the nearest depth of `around` in a window into holes, or all pixels if not `keep`."""
         wp.launch(
-            depth_holes._dilate,
+            depth_holes.dilate,
             dim=(self._num_worlds, self._rows, math.ceil(self._cols / self._lanes)),
             inputs=[
                 image,

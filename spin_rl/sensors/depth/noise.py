@@ -160,7 +160,7 @@ class DepthNoise:
         """
         config = self._config
         wp.launch(
-            kernels._begin_episodes,
+            kernels.begin_episodes,
             dim=self._num_worlds,
             inputs=[
                 mask,
@@ -178,7 +178,7 @@ class DepthNoise:
         """Measure the current images, once in a control step after the rendering; graph-safe."""
         config = self._config
         wp.launch(
-            kernels._measure_lines,
+            kernels.measure_lines,
             dim=(self._num_worlds, math.ceil(self._lines.count / self._lanes)),
             inputs=[
                 self._ideal,
@@ -197,7 +197,7 @@ class DepthNoise:
         )
         if config.patches > 0:
             wp.launch(
-                kernels._punch_patches,
+                kernels.punch_patches,
                 dim=(self._num_worlds, config.patches),
                 inputs=[
                     self._lines,
@@ -213,7 +213,7 @@ class DepthNoise:
                 ],
                 device=self._device,
             )
-        wp.launch(depth_images._count_frames, dim=self._num_worlds, inputs=[self._frame], device=self._device)
+        wp.launch(depth_images.count_frames, dim=self._num_worlds, inputs=[self._frame], device=self._device)
 
 
 def _stereo_errors(config: DepthNoiseConfig, focal_px: float) -> kernels.StereoErrors:

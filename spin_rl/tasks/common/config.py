@@ -1,16 +1,34 @@
-"""What defines a task: one dataclass per group of settings, with the defaults of the code."""
+"""What tasks have in common: one dataclass per group of settings, with the defaults of the code."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from spin_rl import robot
-from spin_rl.scenes.corridors.generator import GeneratorParams
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sim import SimConfig
-from spin_rl.tasks.common import rewards
-from spin_rl.tasks.nav.observations import NoiseConfig
+
+_UNITS = ("_m", "_s", "_n")
+
+
+def require_positive(config: object, path: str, names: Iterable[str] | None = None) -> None:
+    """Reject lengths, times and forces that are none.
+
+    Args:
+        config: A dataclass.
+        path: Where it stands in the configuration, for messages.
+        names: Fields to check; None takes all numbers whose name ends with a unit.
+
+    Raises:
+        ValueError: One of them is not positive or not finite.
+    """
+    with_unit = (n for n, v in vars(config).items() if n.endswith(_UNITS) and isinstance(v, int | float))
+    for name in with_unit if names is None else names:
+        value = getattr(config, name)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{path}.{name} must be positive, got {value}")
 
 
 @dataclass(frozen=True)
@@ -76,10 +94,7 @@ class ScandotsConfig:
 
     def __post_init__(self) -> None:
         """Reject lengths that are none."""
-        for name in ("window_m", "near_m"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"task.scandots.{name} must be positive, got {value}")
+        require_positive(self, "task.scandots")
 
 
 @dataclass(frozen=True)
@@ -121,44 +136,29 @@ class TaskConfig:
                 raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
         if not self.sim.control_period < self.episode_s < math.inf:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
+        require_positive(self, "task")
 
 
 @dataclass(frozen=True)
-class NavConfig(TaskConfig):
-    """Everything that defines the navigation task.
+class CorridorConfig(TaskConfig):
+    """What tasks in corridors have.
 
     Attributes:
         goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
-        stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
-        clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
-        scene: Parameters of the layout generator.
-        scandots: Visibility options.
-        noise: Sensor noise.
+        scandots: What the camera sees of obstacles.
     """
 
     goal_tolerance_m: float = 0.15
-    stop_on_collision: bool = True
     scenario: int = 0
     difficulty: int = -1
-    clearance_m: float = 0.15
-    reward: dict[str, float] = field(
-        default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
-    )
-    scene: GeneratorParams = field(default_factory=GeneratorParams)
     scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""
         super().__post_init__()
-        if not 0.0 < self.goal_tolerance_m < math.inf:
-            raise ValueError(f"task.goal_tolerance_m must be positive, got {self.goal_tolerance_m}")
-        if not 0.0 < self.clearance_m < math.inf:
-            raise ValueError(f"task.clearance_m must be positive, got {self.clearance_m}")
         if self.scenario not in (0, 1, 2):
             raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
         if self.difficulty not in (-1, 0, 1, 2):
             raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
-        rewards.check_scales(self.reward)

@@ -1,42 +1,63 @@
-"""What tasks in corridors share: which corridor every world gets, and what is seen of its obstacles."""
-
-from __future__ import annotations
+"""What tasks in corridors share: the choice of corridors, the goals, and the sensor of obstacles."""
 
 import torch
 import warp as wp
 
 from spin_rl import robot
 from spin_rl.sensors.scandots import Scandots
-from spin_rl.tasks.common.config import ScandotsConfig
+from spin_rl.tasks.common.config import CorridorConfig
 from spin_rl.tasks.common.env import TaskEnv
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _take_goals(
+    # In
+    mask: wp.array(dtype=bool),
+    layout_goal: wp.array(dtype=wp.vec2),
+    # Out
+    goal_out: wp.array(dtype=wp.vec2),
+) -> None:
+    w = wp.tid()
+    if mask[w]:
+        goal_out[w] = layout_goal[w]
 
 
 class CorridorEnv(TaskEnv):
     """A task in corridors; generators of scenes read `_scenario_choice` and `_difficulty_choice`.
 
     Attributes:
+        goal: Where the base should go [m], the layout's at first, a view, shape (num_envs, 2).
         scandots: The scandot sensor.
     """
 
     scandots: Scandots
 
-    def _make_corridors(self, scenario: int, difficulty: int, scandots: ScandotsConfig) -> None:
-        """Allocate the choice of every world's next corridor, and the sensor."""
+    def _make_corridors(self, cfg: CorridorConfig) -> None:
+        """Allocate the choice of every world's next corridor, the goals and the sensor."""
         sim = self.sim
         with wp.ScopedDevice(self.device):
-            self._scenario_choice = wp.full(self.num_envs, scenario, dtype=wp.int32)
-            self._difficulty_choice = wp.full(self.num_envs, difficulty, dtype=wp.int32)
+            self._scenario_choice = wp.full(self.num_envs, cfg.scenario, dtype=wp.int32)
+            self._difficulty_choice = wp.full(self.num_envs, cfg.difficulty, dtype=wp.int32)
+            self._goal = wp.zeros(self.num_envs, dtype=wp.vec2)
+        self.goal = wp.to_torch(self._goal)
         self.scandots = Scandots(
             sim.layout,
             qpos=sim.data.qpos,
             site_xpos=sim.data.site_xpos,
             site_xmat=sim.data.site_xmat,
             camera_site=sim.mj_model.site(robot.CAMERA_SITE).id,
-            tan_half_fov=robot.camera_tan_half_fov(self.cfg.camera_mount),
-            window=scandots.window_m,
-            near=scandots.near_m,
-            occlusion=scandots.occlusion,
+            tan_half_fov=robot.camera_tan_half_fov(cfg.camera_mount),
+            window=cfg.scandots.window_m,
+            near=cfg.scandots.near_m,
+            occlusion=cfg.scandots.occlusion,
         )
+
+    def _begin_episodes(self, mask: wp.array) -> None:
+        """Also take over the goals of the masked worlds' new layouts."""
+        super()._begin_episodes(mask)
+        wp.launch(_take_goals, dim=self.num_envs, inputs=[mask, self.sim.layout.goal], outputs=[self._goal])
 
     def set_cells(self, scenario: torch.Tensor | list[int], difficulty: torch.Tensor | list[int]) -> None:
         """Fix scenario and difficulty of every world, from its next episode on.

@@ -25,7 +25,7 @@ from spin_rl.tasks.common.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.common.health import HealthMonitor
 from spin_rl.tasks.common.proprioception import CAMERA_ACTIONS, camera_columns
-from spin_rl.tasks.common.rewards import Motion, Term
+from spin_rl.tasks.common.rewards import Term, Transition
 from spin_rl.tasks.common.statistics import EpisodeStatistics
 
 Scene = TypeVar("Scene", GeneratorParams, TabletopParams)
@@ -78,7 +78,7 @@ class TaskEnv(VecEnv):
     stages: tuple[str, ...] = ()
     observations: Observations
     statistics: EpisodeStatistics
-    last_transition: Motion | None = None
+    last_transition: Transition | None = None
 
     def __init__(
         self,
@@ -127,19 +127,19 @@ class TaskEnv(VecEnv):
         with wp.ScopedDevice(device):
             self._allocate_shared(cfg, seed)
         self.episode_length_buf = wp.to_torch(self._episode_length)
-        self.outcome = wp.to_torch(self._outcome)
+        self.outcome = wp.to_torch(self._end.outcome)
         self.level = wp.to_torch(self._level)
         # At the end of the last step, before worlds that ended were reset, shape (num_envs, nq) and
         # (num_envs, nv).
-        self.final_qpos = wp.to_torch(self._final_qpos)
-        self.final_qvel = wp.to_torch(self._final_qvel)
-        self._done_view = wp.to_torch(self._done)
+        self.final_qpos = wp.to_torch(self._end.qpos)
+        self.final_qvel = wp.to_torch(self._end.qvel)
+        self._done_view = wp.to_torch(self._end.done)
         self._last_action = torch.zeros_like(self.sim.views.action)
         self._zero = torch.zeros(num_envs, device=device)
         self.depth: DepthImages | None = None
         if cfg.depth is not None:
             self.depth = DepthImages(self.sim, cfg.depth, camera_mount=cfg.camera_mount, seed=self._seed)
-        self.health = HealthMonitor(self.sim, self._outcome)
+        self.health = HealthMonitor(self.sim, self._end.outcome)
 
     def _allocate_shared(self, cfg: TaskConfig, seed: int) -> None:
         n = self.num_envs
@@ -150,10 +150,11 @@ class TaskEnv(VecEnv):
         self._lag_range = wp.array([cfg.dynamics.base_lag_s, cfg.dynamics.joint_lag_s], dtype=float)
         self._speed_range = wp.array(cfg.dynamics.speed_scale, dtype=float)
         self._episode_length = wp.zeros(n, dtype=wp.int32)
-        self._final_qpos = wp.zeros_like(self.sim.data.qpos)
-        self._final_qvel = wp.zeros_like(self.sim.data.qvel)
-        self._outcome = wp.zeros(n, dtype=wp.int32)
-        self._done = wp.zeros(n, dtype=bool)
+        self._end = episode.StepEnd()
+        self._end.qpos = wp.zeros_like(self.sim.data.qpos)
+        self._end.qvel = wp.zeros_like(self.sim.data.qvel)
+        self._end.outcome = wp.zeros(n, dtype=wp.int32)
+        self._end.done = wp.zeros(n, dtype=bool)
         self._all = wp.full(n, True, dtype=bool)
 
     def _begin(
@@ -182,7 +183,7 @@ class TaskEnv(VecEnv):
             sensor.update()
         self._end_episodes()
         self.health.launch()
-        self._launch_reset(self._done)
+        self._launch_reset(self._end.done)
 
     def _launch_reset(self, mask: wp.array) -> None:
         """Start new episodes in the masked worlds, shape (nworld,), bool, and update the sensors of all."""
@@ -196,7 +197,7 @@ class TaskEnv(VecEnv):
             sensor.update()
 
     def _end_episodes(self) -> None:
-        """Describe the control step just made, write `_outcome` and `_done`, and move levels."""
+        """Describe the control step just made, write `_end`, and move levels."""
         raise NotImplementedError
 
     def _draw_scenes(self, mask: wp.array) -> None:
@@ -204,13 +205,19 @@ class TaskEnv(VecEnv):
         raise NotImplementedError
 
     def _begin_episodes(self, mask: wp.array) -> None:
-        """Clear what the task remembers of the masked worlds' last episodes, and draw their dynamics."""
-        raise NotImplementedError
+        """Draw the masked worlds' dynamics; subclasses also clear what they remember of the last episodes."""
+        dynamics = self.sim.dynamics
+        wp.launch(
+            episode.begin,
+            dim=self.num_envs,
+            inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
+            outputs=[self._episode_length, dynamics.lag, dynamics.speed_scale],
+        )
 
     def _before_step(self) -> None:
         """Keep what the step will overwrite and rewards need."""
 
-    def _transition(self, action: torch.Tensor) -> Motion:
+    def _transition(self, action: torch.Tensor) -> Transition:
         """Describe the step that was made with an action, shape (num_envs, 10)."""
         raise NotImplementedError
 

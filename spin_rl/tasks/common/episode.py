@@ -1,4 +1,6 @@
-"""Kernels that end and begin navigation episodes on the device, and what tasks share of that."""
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
+"""How episodes end, and what is drawn when they begin."""
 
 import warp as wp
 
@@ -10,191 +12,87 @@ NON_FINITE = wp.constant(4)
 
 OUTCOMES = ("running", "success", "collision", "timeout", "non_finite")
 
+wp.set_module_options({"enable_backward": False})
 
-@wp.func
-def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
-    """Path length left to the goal [m]: straight, or along the two legs of an L-shaped corridor.
 
-    The legs lie along the world's axes, so the length along an L is the Manhattan distance: continuous, and
-    shrinking all the way around the corner, where the straight distance would reward driving into the wall.
-    """
-    dx = goal[0] - x
-    dy = goal[1] - y
-    if bend != 0:
-        return wp.abs(dx) + wp.abs(dy)
-    return wp.sqrt(dx * dx + dy * dy)
+@wp.struct
+class StepEnd:
+    """How a control step left every world, before those that ended are reset; leading axis nworld."""
+
+    qpos: wp.array2d[float]
+    qvel: wp.array2d[float]
+    outcome: wp.array[int]
+    done: wp.array[wp.bool]
 
 
 @wp.func
-def draw_servos(
-    seed: int,
-    w: int,
-    episode: int,
-    lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
-) -> wp.vec3:
-    """Draw the time constants of base and joints [s] and the factor on all speeds of a world's episode."""
-    rng = wp.rand_init(seed + 7919, w * 1000003 + episode)
-    base = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
-    joint = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
-    return wp.vec3(base, joint, wp.randf(rng, speed_range[0], speed_range[1]))
-
-
-@wp.kernel
-def _end_episodes(
-    # In
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    action: wp.array2d(dtype=float),
-    goal: wp.array(dtype=wp.vec2),
-    bend: wp.array(dtype=wp.int32),
-    part_contacts: wp.array2d(dtype=bool),
-    goal_tolerance: float,
-    max_length: int,
-    stop_on_collision: bool,
-    level_up: float,
-    level_down: float,
-    # In and out
-    episode_length: wp.array(dtype=wp.int32),
-    distance: wp.array(dtype=float),
-    level: wp.array(dtype=float),
-    # Out
-    progress_out: wp.array(dtype=float),
-    goal_distance_out: wp.array(dtype=float),
-    final_qpos_out: wp.array2d(dtype=float),
-    final_qvel_out: wp.array2d(dtype=float),
-    outcome_out: wp.array(dtype=wp.int32),
-    done_out: wp.array(dtype=bool),
-) -> None:
-    w = wp.tid()
-    episode_length[w] = episode_length[w] + 1
-
+def _keep(w: int, row: wp.array2d[float], kept: wp.array2d[float]) -> bool:
     finite = bool(True)
-    for i in range(qpos.shape[1]):
-        final_qpos_out[w, i] = qpos[w, i]
-        final_qvel_out[w, i] = qvel[w, i]
-        if not wp.isfinite(qpos[w, i]) or not wp.isfinite(qvel[w, i]):
+    for i in range(row.shape[1]):
+        kept[w, i] = row[w, i]
+        if not wp.isfinite(row[w, i]):
             finite = False
+    return finite
+
+
+@wp.func
+def keep_state(
+    w: int, qpos: wp.array2d[float], qvel: wp.array2d[float], action: wp.array2d[float], end: StepEnd
+) -> bool:
+    """Keep a world's positions and velocities; whether they and the action are finite, else zeros are kept.
+
+    Zeros keep the rewards of the step finite; the world itself is to be reset.
+    """
+    finite = _keep(w, qpos, end.qpos)
+    finite = _keep(w, qvel, end.qvel) and finite
     for i in range(action.shape[1]):
         if not wp.isfinite(action[w, i]):
             finite = False
-
-    touched = bool(False)
-    for part in range(part_contacts.shape[1]):
-        if part_contacts[w, part]:
-            touched = True
-
-    outcome = RUNNING
     if not finite:
-        outcome = NON_FINITE
-        # Zeros keep the rewards of this step finite; the world itself is reset below.
         for i in range(qpos.shape[1]):
-            final_qpos_out[w, i] = 0.0
-            final_qvel_out[w, i] = 0.0
-        progress_out[w] = 0.0
-        goal_distance_out[w] = distance[w]
-    else:
-        now = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
-        straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
-        progress_out[w] = distance[w] - now
-        goal_distance_out[w] = straight
-        distance[w] = now
-        if touched and stop_on_collision:
-            outcome = COLLISION
-        elif straight < goal_tolerance:
-            outcome = SUCCESS
-        elif episode_length[w] >= max_length:
-            outcome = TIMEOUT
-    outcome_out[w] = outcome
-    done_out[w] = outcome != RUNNING
+            end.qpos[w, i] = 0.0
+        for i in range(qvel.shape[1]):
+            end.qvel[w, i] = 0.0
+    return finite
+
+
+@wp.func
+def put_outcome(w: int, outcome: int, end: StepEnd) -> None:
+    """Write how a world's episode ended, or that it goes on."""
+    end.outcome[w] = outcome
+    end.done[w] = outcome != RUNNING
+
+
+@wp.func
+def move_level(w: int, outcome: int, up: float, down: float, level: wp.array[float]) -> None:
+    """Move a world's level up after a success and down after any other end, within [0, 1]."""
     if outcome == SUCCESS:
-        level[w] = wp.min(level[w] + level_up, 1.0)
+        level[w] = wp.min(level[w] + up, 1.0)
     elif outcome != RUNNING:
-        level[w] = wp.max(level[w] - level_down, 0.0)
+        level[w] = wp.max(level[w] - down, 0.0)
 
 
 @wp.kernel
-def _begin_episodes(
+def begin(
     # In
     mask: wp.array(dtype=bool),
-    qpos: wp.array2d(dtype=float),
-    goal: wp.array(dtype=wp.vec2),
-    bend: wp.array(dtype=wp.int32),
     seed: wp.array(dtype=wp.int32),
     lag_range: wp.array2d(dtype=float),
     speed_range: wp.array(dtype=float),
     # In and out
     counter: wp.array(dtype=wp.int32),
     # Out
-    episode_length_out: wp.array(dtype=wp.int32),
-    distance_out: wp.array(dtype=float),
+    length_out: wp.array(dtype=wp.int32),
     lag_out: wp.array2d(dtype=float),
     speed_scale_out: wp.array(dtype=float),
 ) -> None:
+    """Count the masked worlds' steps anew, and draw the servos' time constants [s] and speed factors."""
     w = wp.tid()
     if not mask[w]:
         return
-    episode_length_out[w] = 0
-    distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
-    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
+    length_out[w] = 0
+    rng = wp.rand_init(seed[0] + 7919, w * 1000003 + counter[w])
     counter[w] = counter[w] + 1
-    lag_out[w, 0] = drawn[0]
-    lag_out[w, 1] = drawn[1]
-    speed_scale_out[w] = drawn[2]
-
-
-@wp.kernel
-def _record_history(
-    # In
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    action: wp.array2d(dtype=float),
-    outcome: wp.array(dtype=wp.int32),
-    # In and out
-    cursor: wp.array(dtype=wp.int32),
-    history: wp.array3d(dtype=float),
-    # Out
-    dump_count_out: wp.array(dtype=wp.int32),
-    dump_out: wp.array3d(dtype=float),
-) -> None:
-    w = wp.tid()
-    nq = qpos.shape[1]
-    nv = qvel.shape[1]
-    row = cursor[w]
-    for i in range(nq):
-        history[w, row, i] = qpos[w, i]
-    for i in range(nv):
-        history[w, row, nq + i] = qvel[w, i]
-    for i in range(action.shape[1]):
-        history[w, row, nq + nv + i] = action[w, i]
-    length = history.shape[1]
-    cursor[w] = (row + 1) % length
-    if outcome[w] == NON_FINITE:
-        slot = wp.atomic_add(dump_count_out, 0, 1)
-        if slot < dump_out.shape[0]:
-            # Oldest first, the state that went wrong last.
-            for k in range(length):
-                for i in range(history.shape[2]):
-                    dump_out[slot, k, i] = history[w, (row + 1 + k) % length, i]
-    if outcome[w] != RUNNING:
-        # States of one episode only: the next one starts with an empty record.
-        for k in range(length):
-            for i in range(history.shape[2]):
-                history[w, k, i] = 0.0
-
-
-@wp.kernel
-def _count_overflow(
-    # In
-    bits: wp.array(dtype=wp.int32),
-    # In and out
-    overflow: wp.array(dtype=wp.int32),
-    # Out
-    count_out: wp.array(dtype=wp.int32),
-) -> None:
-    w = wp.tid()
-    for i in range(bits.shape[0]):
-        if (overflow[w] & bits[i]) != 0:
-            wp.atomic_add(count_out, i, 1)
-    # mujoco_warp clears the bits at a reset only: what is counted now must not count again in the next step.
-    overflow[w] = 0
+    lag_out[w, 0] = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
+    lag_out[w, 1] = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
+    speed_scale_out[w] = wp.randf(rng, speed_range[0], speed_range[1])

@@ -1,7 +1,5 @@
 """What went wrong in physics: non-finite worlds with their recent states, and overflows by cause."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 
@@ -9,10 +7,69 @@ import numpy as np
 import warp as wp
 
 from spin_rl.sim.simulation import OVERFLOWS, Simulation
-from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.episode import NON_FINITE, RUNNING
 
 HISTORY_STEPS = 8
 MAX_DUMPS = 8
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _record_history(
+    # In
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    action: wp.array2d(dtype=float),
+    outcome: wp.array(dtype=wp.int32),
+    # In and out
+    cursor: wp.array(dtype=wp.int32),
+    history: wp.array3d(dtype=float),
+    # Out
+    dump_count_out: wp.array(dtype=wp.int32),
+    dump_out: wp.array3d(dtype=float),
+) -> None:
+    w = wp.tid()
+    nq = qpos.shape[1]
+    nv = qvel.shape[1]
+    row = cursor[w]
+    for i in range(nq):
+        history[w, row, i] = qpos[w, i]
+    for i in range(nv):
+        history[w, row, nq + i] = qvel[w, i]
+    for i in range(action.shape[1]):
+        history[w, row, nq + nv + i] = action[w, i]
+    length = history.shape[1]
+    cursor[w] = (row + 1) % length
+    if outcome[w] == NON_FINITE:
+        slot = wp.atomic_add(dump_count_out, 0, 1)
+        if slot < dump_out.shape[0]:
+            # Oldest first, the state that went wrong last.
+            for k in range(length):
+                for i in range(history.shape[2]):
+                    dump_out[slot, k, i] = history[w, (row + 1 + k) % length, i]
+    if outcome[w] != RUNNING:
+        # States of one episode only: the next one starts with an empty record.
+        for k in range(length):
+            for i in range(history.shape[2]):
+                history[w, k, i] = 0.0
+
+
+@wp.kernel
+def _count_overflow(
+    # In
+    bits: wp.array(dtype=wp.int32),
+    # In and out
+    overflow: wp.array(dtype=wp.int32),
+    # Out
+    count_out: wp.array(dtype=wp.int32),
+) -> None:
+    w = wp.tid()
+    for i in range(bits.shape[0]):
+        if (overflow[w] & bits[i]) != 0:
+            wp.atomic_add(count_out, i, 1)
+    # mujoco_warp clears the bits at a reset only: what is counted now must not count again in the next step.
+    overflow[w] = 0
 
 
 class HealthMonitor:
@@ -46,13 +103,13 @@ class HealthMonitor:
         """Record this control step; runs in the step graph after episodes ended and before the reset."""
         sim = self._sim
         wp.launch(
-            episode._record_history,
+            _record_history,
             dim=sim.nworld,
             inputs=[sim.data.qpos, sim.data.qvel, sim.action, self._outcome, self._cursor, self._history],
             outputs=[self._dump_count, self._dump],
         )
         wp.launch(
-            episode._count_overflow,
+            _count_overflow,
             dim=sim.nworld,
             inputs=[self._bits, sim.data.overflow],
             outputs=[self._overflow_count],

@@ -7,13 +7,10 @@ from dataclasses import dataclass, field, replace
 
 from spin_rl.scenes.corridor_tables.params import FetchSceneParams
 from spin_rl.sim import SimConfig
-from spin_rl.sim.manipulation import ManipulationConfig
-from spin_rl.tasks.common.config import CurriculumConfig, DynamicsConfig, ScandotsConfig, TaskConfig
-from spin_rl.tasks.common.object_choice import ANY_OBJECT, check_object
-from spin_rl.tasks.common.sight import SightConfig, check_detector
+from spin_rl.tasks.common.config import CorridorConfig, CurriculumConfig, require_positive
 from spin_rl.tasks.fetch.state import STAGES
-from spin_rl.tasks.nav.observations import NoiseConfig
-from spin_rl.tasks.pick.config import GRASP_SIM
+from spin_rl.tasks.nav.observations import NavNoise
+from spin_rl.tasks.pick.config import GRASP_SIM, GraspConfig
 
 CARRY_SIM = replace(GRASP_SIM, impratio=400.0)
 """Physics in which fingers hold an object for long, as in conf/sim/carry.yaml."""
@@ -33,9 +30,7 @@ class StageLimits:
 
     def __post_init__(self) -> None:
         """Reject limits that are none."""
-        for name, value in vars(self).items():
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"task.limits.{name} must be positive, got {value}")
+        require_positive(self, "task.limits", STAGES)
 
     def seconds(self) -> tuple[float, ...]:
         """Return the limits in the order of the stages."""
@@ -43,7 +38,7 @@ class StageLimits:
 
 
 @dataclass(frozen=True)
-class FetchNoise(NoiseConfig):
+class FetchNoise(NavNoise):
     """Sensor noise, standard deviations of zero-mean normal noise.
 
     Attributes:
@@ -54,92 +49,40 @@ class FetchNoise(NoiseConfig):
 
 
 @dataclass(frozen=True)
-class FetchConfig(TaskConfig):
+class FetchConfig(GraspConfig, CorridorConfig):
     """Everything that defines the fetch task.
 
     Attributes:
         episode_s: Longest episode [s]; the stages' limits end it before.
-        scenario: 1 straight, 2 L-shaped, 0 a mix of both.
-        difficulty: 0 easy, 1 medium, 2 hard, -1 a mix.
-        object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
-        detector: How the object is found, one of `sight.DETECTORS`: "none" takes its true place while
-            it is in sight (`sight`), "segmentation" finds it in depth images.
         pick_range_m: Depths that the pick policy sees as 0 and as 255 [m], if it was not trained with those
             of the depth filter.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
-        goal_tolerance_m: Distance at which the table is reached [m].
         home_tolerance_m: Distance at which the start is reached again [m]; unlike goals, starts can be where
             the navigation policy would not stop, close to a wall or obstacle.
-        lift_m: Height over its start at which the object counts as lifted [m].
-        hold_s: Time for which it must be held there to be picked [s].
-        grasp_force_n: Sum of both fingertips' forces from which the object is grasped [N].
-        finger_force_n: Smallest force of each of them [N].
-        hard_force_n: Force on the scene of a part other than the fingers that ends a fetch while the robot is
-            not driving [N].
-        fall_m: Depth of the object's centre below the table's top at which it is lost [m].
         place_m: Largest distance from the robot's start to the object at the end [m].
         carry_moves: Arm and wrist joints that the navigation policy moves while it carries; the others hold.
         carry_lift_m: Lowest lift while it carries [m].
         scene: Parameters of the scenes.
-        scandots: What the camera sees of obstacles.
-        sight: When the camera sees the object.
         noise: Sensor noise.
-        manipulation: How actions move the joints while it picks.
     """
 
     episode_s: float = 300.0
-    scenario: int = 0
-    difficulty: int = -1
-    object: str = ANY_OBJECT
-    detector: str = "none"
     pick_range_m: tuple[float, float] | None = None
     limits: StageLimits = field(default_factory=StageLimits)
     retries: int = 1
-    goal_tolerance_m: float = 0.15
     home_tolerance_m: float = 0.35
-    lift_m: float = 0.1
-    hold_s: float = 1.0
-    grasp_force_n: float = 10.0
-    finger_force_n: float = 1.0
-    hard_force_n: float = 30.0
-    fall_m: float = 0.05
     place_m: float = 0.5
     carry_moves: tuple[str, ...] = ("lift",)
     carry_lift_m: float = 0.5
     curriculum: CurriculumConfig = field(default_factory=lambda: CurriculumConfig(enabled=False, start=1.0))
-    dynamics: DynamicsConfig = field(
-        default_factory=lambda: DynamicsConfig((0.15, 0.15), (0.1, 0.1), (1.0, 1.0))
-    )
     sim: SimConfig = CARRY_SIM
     scene: FetchSceneParams = field(default_factory=FetchSceneParams)
-    scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
-    sight: SightConfig = field(default_factory=SightConfig)
     noise: FetchNoise = field(default_factory=FetchNoise)
-    manipulation: ManipulationConfig = field(default_factory=ManipulationConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""
         super().__post_init__()
-        for name in (
-            "goal_tolerance_m",
-            "home_tolerance_m",
-            "lift_m",
-            "hold_s",
-            "grasp_force_n",
-            "finger_force_n",
-            "hard_force_n",
-            "fall_m",
-            "place_m",
-        ):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"task.{name} must be positive, got {getattr(self, name)}")
-        if self.scenario not in (0, 1, 2):
-            raise ValueError(f"task.scenario must be 0, 1 or 2, got {self.scenario}")
-        if self.difficulty not in (-1, 0, 1, 2):
-            raise ValueError(f"task.difficulty must be -1, 0, 1 or 2, got {self.difficulty}")
-        check_object(self.object)
-        check_detector(self.detector)
         if self.pick_range_m is not None:
             near, far = self.pick_range_m
             if not 0.0 <= near < far < math.inf:

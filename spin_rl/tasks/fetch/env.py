@@ -10,23 +10,26 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridor_tables.generator import generate_fetch_scenes
-from spin_rl.scenes.corridors.walls import Slots
 from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.object_choice import ObjectChoice
+from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.fetch import stages as fetch_stages
 from spin_rl.tasks.fetch import start as fetch_start
 from spin_rl.tasks.fetch import state as fetch_state
 from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.known import Knowledge
 from spin_rl.tasks.fetch.observations import FetchObservations
 from spin_rl.tasks.fetch.results import FetchEpisodes, FetchStatistics, FetchStep, read_record
 from spin_rl.tasks.fetch.scripts import kernel as fetch_script
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.pick.episode import read_forces
 from spin_rl.tasks.pick.observations import PickNoise, PickObservations
+from spin_rl.warp_kernels.slots import slots_of
+from spin_rl.warp_kernels.structs import struct_of
 
 
 class FetchEnv(ObjectChoice, CorridorEnv):
@@ -72,10 +75,9 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             camera_action=(),
             manipulation=cfg.manipulation,
         )
-        limits = DriveLimits.create(robot.SPEED_PROFILES[cfg.robot_profile], device)
+        self._make_corridors(cfg)
         with wp.ScopedDevice(device):
-            self._allocate(cfg, limits)
-        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
+            self._allocate(cfg)
         self.sight = Sight(
             self.sim, cfg.detector, cfg.sight, camera_mount=cfg.camera_mount, images=self.depth
         )
@@ -99,40 +101,42 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             max_length=round(cfg.limits.pick / cfg.sim.control_period),
             hold_steps=self._rules.hold_steps,
         )
-        nav = NavObservations(sim, self.scandots, cfg.noise, seed, self.depth)
+        nav = NavObservations(sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
         return FetchObservations(nav, pick, self.stage, self.depth, cfg.pick_range_m)
 
-    def _allocate(self, cfg: FetchConfig, limits: DriveLimits) -> None:
+    def _allocate(self, cfg: FetchConfig) -> None:
         n, sim, period = self.num_envs, self.sim, cfg.sim.control_period
         self._allocate_choice(n, cfg.object)
         self._forces = read_forces(sim.grasp)
         self._state = fetch_state.make_state(n, self.device)
         self._state.length = self._episode_length
         self._record = fetch_state.make_record(n, self.device)
-        self._rules = _rules(cfg)
-        self._bodies = _bodies(sim)
-        self._drive = fetch_script.Drive()
-        for name in ("joint_low", "joint_default", "joint_high", "base_speed"):
-            setattr(self._drive, name, getattr(limits, name))
-        moves = [joint in cfg.carry_moves for joint in robot.JOINTS]
-        self._drive.carry_moves = wp.array(moves, dtype=wp.bool)
-        self._drive.carry_lift = cfg.carry_lift_m
-        self._drive.period = period
-        self._drive.table_slot = cfg.scene.table_slot
-        self._drive.pick_speed = wp.vec2(
-            cfg.manipulation.increments.forward_speed, cfg.manipulation.increments.turn_speed
+        limits = [round(limit / period) for limit in cfg.limits.seconds()]
+        self._rules = rules_of(
+            fetch_state.FetchRules,
+            cfg,
+            limits=wp.array(limits, dtype=wp.int32),
+            table_slot=cfg.scene.table_slot,
         )
-        self._slots = Slots()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._slots, name, getattr(sim.layout, name))
+        self._bodies = _bodies(sim, self._goal)
+        increments = cfg.manipulation.increments
+        self._drive = struct_of(
+            fetch_script.Drive,
+            DriveLimits.create(robot.SPEED_PROFILES[cfg.robot_profile], self.device),
+            carry_moves=wp.array([joint in cfg.carry_moves for joint in robot.JOINTS], dtype=wp.bool),
+            carry_lift_m=cfg.carry_lift_m,
+            pick_speed=(increments.forward_speed, increments.turn_speed),
+            period=period,
+        )
+        self._knowledge = Knowledge(sim, self._forces, cfg.scene.table_slot)
 
     def _launch_step(self) -> None:
-        sim = self.sim
+        self._knowledge.update()
         wp.launch(
-            fetch_script._script_actions,
+            fetch_script.script_actions,
             dim=self.num_envs,
-            inputs=[self._drive, self._slots, sim.data.qpos, sim.data.qvel, sim.target, self._forces],
-            outputs=[self._state, sim.action],
+            inputs=[self._drive, self._knowledge.known],
+            outputs=[self._state, self.sim.action],
         )
         super()._launch_step()
 
@@ -142,7 +146,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         sim.forward()
         # The object is seen as it was when the action was chosen.
         wp.launch(
-            fetch_stages._advance_stages,
+            fetch_stages.advance_stages,
             dim=self.num_envs,
             inputs=[self._bodies, self._forces, self._rules, sim.increments, self.sight.seen],
             outputs=[
@@ -150,10 +154,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
                 self._record,
                 sim.mode,
                 sim.action,
-                self._final_qpos,
-                self._final_qvel,
-                self._outcome,
-                self._done,
+                self._end,
             ],
         )
 
@@ -171,28 +172,21 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             level=self._level,
             kind_choice=self._kind_choice,
         )
-        wp.launch(fetch_start._prepare_fetches, dim=self.num_envs, inputs=[mask], outputs=[sim.mode])
+        wp.launch(fetch_start.prepare_fetches, dim=self.num_envs, inputs=[mask], outputs=[sim.mode])
 
     def _begin_episodes(self, mask: wp.array) -> None:
-        sim = self.sim
+        super()._begin_episodes(mask)
         wp.launch(
-            fetch_start._begin_fetches,
+            fetch_start.begin_fetches,
             dim=self.num_envs,
-            inputs=[
-                mask,
-                sim.layout.start,
-                self._seed,
-                self._lag_range,
-                self._speed_range,
-                self._counter,
-            ],
-            outputs=[self._state, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask, self.sim.layout.start],
+            outputs=[self._state, self._forces],
         )
 
     def _launch_reset(self, mask: wp.array) -> None:
         super()._launch_reset(mask)
         wp.launch(
-            fetch_start._watch_objects,
+            fetch_start.watch_objects,
             dim=self.num_envs,
             inputs=[self.sight.seen, self.sight.at],
             outputs=[self._state],
@@ -229,26 +223,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         )
 
 
-def _rules(cfg: FetchConfig) -> fetch_state.FetchRules:
-    period = cfg.sim.control_period
-    rules = fetch_state.FetchRules()
-    rules.limits = wp.array([round(limit / period) for limit in cfg.limits.seconds()], dtype=wp.int32)
-    rules.max_length = round(cfg.episode_s / period)
-    rules.retries = cfg.retries
-    rules.hold_steps = max(round(cfg.hold_s / period), 1)
-    rules.goal_tolerance = cfg.goal_tolerance_m
-    rules.home_tolerance = cfg.home_tolerance_m
-    rules.lift = cfg.lift_m
-    rules.grasp_force = cfg.grasp_force_n
-    rules.finger_force = cfg.finger_force_n
-    rules.hard_force = cfg.hard_force_n
-    rules.fall = cfg.fall_m
-    rules.place = cfg.place_m
-    rules.table_slot = cfg.scene.table_slot
-    return rules
-
-
-def _bodies(sim: Simulation) -> fetch_state.Bodies:
+def _bodies(sim: Simulation, goal: wp.array) -> fetch_state.Bodies:
     bodies = fetch_state.Bodies()
     bodies.qpos, bodies.qvel = sim.data.qpos, sim.data.qvel
     bodies.parts = sim.contacts.parts
@@ -256,7 +231,6 @@ def _bodies(sim: Simulation) -> fetch_state.Bodies:
     bodies.object_kind = sim.object.kind
     bodies.object_start = sim.object.start_pose
     bodies.half_extents = sim.object.half_extents
-    bodies.goal = sim.layout.goal
-    bodies.slot_pos, bodies.slot_half = sim.layout.pos, sim.layout.half_size
-    bodies.slot_yaw = sim.layout.yaw
+    bodies.goal = goal
+    bodies.slots = slots_of(sim.layout)
     return bodies

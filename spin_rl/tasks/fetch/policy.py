@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import torch
 from tensordict import TensorDict
 
+from spin_rl.policy import Policy
 from spin_rl.tasks.fetch.state import STAGES
-
-
-class Policy(Protocol):
-    """What a fetch needs of a policy."""
-
-    def __call__(self, obs: TensorDict) -> torch.Tensor:
-        """Return deterministic actions in [-1, 1], shape (num_envs, 10)."""
-        ...
-
-    def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Clear the recurrent state of the worlds in a mask (num_envs,), or of all."""
-        ...
 
 
 class FetchPolicy:

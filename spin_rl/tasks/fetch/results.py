@@ -85,7 +85,7 @@ def read_record(record: FetchRecord) -> FetchEpisodes:
 
 @dataclass
 class FetchStep:
-    """What a control step of a fetch did; see `rewards.Motion` for the first five.
+    """What a control step of a fetch did; see `rewards.Transition` for the first five.
 
     Attributes:
         reached: Whether the fetch has come to the table so far, shape (num_envs,), bool.

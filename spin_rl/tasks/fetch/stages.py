@@ -10,7 +10,16 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.sim.object_start import hold_still
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, Increments
-from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT
+from spin_rl.tasks.common.episode import (
+    COLLISION,
+    NON_FINITE,
+    RUNNING,
+    SUCCESS,
+    TIMEOUT,
+    StepEnd,
+    keep_state,
+    put_outcome,
+)
 from spin_rl.tasks.fetch.state import (
     ALIGN,
     CARRY,
@@ -24,7 +33,7 @@ from spin_rl.tasks.fetch.state import (
     FetchRules,
     FetchState,
 )
-from spin_rl.tasks.pick.episode import DROPPED, Forces, copy_if_finite, is_lifted
+from spin_rl.tasks.pick.episode import DROPPED, Forces, is_lifted
 
 _OBJECT = wp.constant(len(robot.DOF_NAMES))
 _PITCH = wp.constant(robot.DOF_NAMES.index("wrist_pitch"))
@@ -52,10 +61,10 @@ def _distance_to(w: int, b: Bodies, point: wp.vec2) -> float:
 @wp.func
 def _is_on_table(w: int, at: wp.vec3, b: Bodies, rules: FetchRules) -> bool:
     """Whether the object's centre is over the table and not below its top."""
-    centre = b.slot_pos[w, rules.table_slot]
-    half = b.slot_half[w, rules.table_slot]
-    c = wp.cos(b.slot_yaw[w, rules.table_slot])
-    s = wp.sin(b.slot_yaw[w, rules.table_slot])
+    centre = b.slots.pos[w, rules.table_slot]
+    half = b.slots.half_size[w, rules.table_slot]
+    c = wp.cos(b.slots.yaw[w, rules.table_slot])
+    s = wp.sin(b.slots.yaw[w, rules.table_slot])
     x = c * (at[0] - centre[0]) + s * (at[1] - centre[1])
     y = c * (at[1] - centre[1]) - s * (at[0] - centre[0])
     return at[2] > centre[2] + half[2] and wp.abs(x) < half[0] and wp.abs(y) < half[1]
@@ -64,7 +73,8 @@ def _is_on_table(w: int, at: wp.vec3, b: Bodies, rules: FetchRules) -> bool:
 @wp.func
 def _is_lost(w: int, at: wp.vec3, b: Bodies, rules: FetchRules) -> bool:
     """Whether the object has fallen off the table."""
-    return at[2] < b.slot_pos[w, rules.table_slot][2] + b.slot_half[w, rules.table_slot][2] - rules.fall
+    top = b.slots.pos[w, rules.table_slot][2] + b.slots.half_size[w, rules.table_slot][2]
+    return at[2] < top - rules.fall_m
 
 
 @wp.func
@@ -76,7 +86,7 @@ def _is_hit(w: int, stage: int, b: Bodies, forces: Forces, rules: FetchRules) ->
             if b.parts[w, part]:
                 touched = True
         return touched
-    return forces.hard[w] > rules.hard_force
+    return forces.hard[w] > rules.hard_force_n
 
 
 @wp.func
@@ -91,8 +101,8 @@ def _retry(w: int, rules: FetchRules, state: FetchState) -> int:
 @wp.func
 def _after_pick(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: FetchState) -> int:
     """The stage after this step of picking; -1 if the attempts are used up."""
-    at = _object_at(w, b)
-    lifted = is_lifted(w, at[2] - state.rest[w], forces, rules.grasp_force, rules.finger_force, rules.lift)
+    height = _object_at(w, b)[2] - state.rest[w]
+    lifted = is_lifted(w, height, forces, rules.grasp_force_n, rules.finger_force_n, rules.lift_m)
     if forces.support[w]:
         # As it leaves the table: held like that, the object stands upright.
         state.grip[w] = wp.vec2(b.qpos[w, _PITCH], b.qpos[w, _ROLL])
@@ -119,7 +129,7 @@ def _is_placed(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: Fetc
     at = _object_at(w, b)
     speed = wp.vec3(b.qvel[w, _OBJECT], b.qvel[w, _OBJECT + 1], b.qvel[w, _OBJECT + 2])
     low = at[2] < 1.1 * wp.length(b.half_extents[w])
-    near = wp.length(wp.vec2(at[0], at[1]) - state.home[w]) < rules.place
+    near = wp.length(wp.vec2(at[0], at[1]) - state.home[w]) < rules.place_m
     return state.ready[w] and low and near and forces.support[w] and wp.length(speed) < _REST_SPEED
 
 
@@ -162,7 +172,7 @@ def _enter(
 
 
 @wp.kernel
-def _advance_stages(
+def advance_stages(
     # In
     b: Bodies,
     forces: Forces,
@@ -175,11 +185,9 @@ def _advance_stages(
     mode: wp.array(dtype=wp.int32),
     action: wp.array2d(dtype=float),
     # Out
-    final_qpos_out: wp.array2d(dtype=float),
-    final_qvel_out: wp.array2d(dtype=float),
-    outcome_out: wp.array(dtype=wp.int32),
-    done_out: wp.array(dtype=bool),
+    end: StepEnd,
 ) -> None:
+    """Describe the control step just made, move on to next stages and end fetches, one thread per world."""
     w = wp.tid()
     stage = state.stage[w]
     if state.length[w] == 0:
@@ -189,11 +197,7 @@ def _advance_stages(
     state.time[w] = state.time[w] + 1
     state.length[w] = state.length[w] + 1
     state.stage_steps[w, stage] = state.stage_steps[w, stage] + 1
-    finite = copy_if_finite(b.qpos, w, final_qpos_out)
-    finite = copy_if_finite(b.qvel, w, final_qvel_out) and finite
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
+    finite = keep_state(w, b.qpos, b.qvel, action, end)
 
     outcome = RUNNING
     after = stage
@@ -203,14 +207,10 @@ def _advance_stages(
     if not finite:
         outcome = NON_FINITE
         at = wp.vec3(0.0, 0.0, 0.0)
-        for i in range(final_qpos_out.shape[1]):
-            final_qpos_out[w, i] = 0.0
-        for i in range(final_qvel_out.shape[1]):
-            final_qvel_out[w, i] = 0.0
     elif _is_hit(w, stage, b, forces, rules):
         outcome = COLLISION
     elif stage == REACH:
-        if _distance_to(w, b, b.goal[w]) < rules.goal_tolerance:
+        if _distance_to(w, b, b.goal[w]) < rules.goal_tolerance_m:
             state.reached[w] = True
             after = ALIGN
     elif stage == ALIGN:
@@ -239,15 +239,14 @@ def _advance_stages(
         if state.ready[w]:
             after = CARRY
     elif stage == CARRY:
-        if _distance_to(w, b, b.goal[w]) < rules.home_tolerance:
+        if _distance_to(w, b, b.goal[w]) < rules.home_tolerance_m:
             after = PLACE
     if outcome == RUNNING and after == stage and state.time[w] >= rules.limits[stage]:
         outcome = TIMEOUT
-    if outcome == RUNNING and state.length[w] >= rules.max_length:
+    if outcome == RUNNING and state.length[w] >= rules.episode_steps:
         outcome = TIMEOUT
 
-    outcome_out[w] = outcome
-    done_out[w] = outcome != RUNNING
+    put_outcome(w, outcome, end)
     if outcome != RUNNING:
         if record.outcome[w] == RUNNING:
             _write_record(w, outcome, stage, at, b, state, record)

@@ -5,21 +5,21 @@
 import warp as wp
 
 from spin_rl.sim.targets import ABSOLUTE
-from spin_rl.tasks.common.episode import draw_servos
 from spin_rl.tasks.fetch.state import REACH, FetchState
-from spin_rl.tasks.pick.episode import Forces
+from spin_rl.tasks.pick.episode import Forces, clear_forces
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _watch_objects(
+def watch_objects(
     # In
     seen: wp.array(dtype=bool),
     at: wp.array(dtype=wp.vec3),
     # Out
     state: FetchState,
 ) -> None:
+    """Remember where objects were last seen, one thread per world."""
     w = wp.tid()
     if seen[w]:
         state.is_found[w] = True
@@ -27,39 +27,33 @@ def _watch_objects(
 
 
 @wp.kernel
-def _prepare_fetches(
+def prepare_fetches(
     # In
     mask: wp.array(dtype=bool),
     # Out
     mode_out: wp.array(dtype=wp.int32),
 ) -> None:
+    """Let the masked worlds' actions drive, one thread per world."""
     w = wp.tid()
     if mask[w]:
         mode_out[w] = ABSOLUTE
 
 
 @wp.kernel
-def _begin_fetches(
+def begin_fetches(
     # In
     mask: wp.array(dtype=bool),
     start: wp.array(dtype=wp.vec3),
-    seed: wp.array(dtype=wp.int32),
-    lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
-    # In and out
-    counter: wp.array(dtype=wp.int32),
     # Out
     state: FetchState,
     forces: Forces,
-    lag_out: wp.array2d(dtype=float),
-    speed_scale_out: wp.array(dtype=float),
 ) -> None:
+    """Begin the masked worlds' fetches, one thread per world."""
     w = wp.tid()
     if not mask[w]:
         return
     state.stage[w] = REACH
     state.time[w] = 0
-    state.length[w] = 0
     state.phase[w] = 0
     state.phase_time[w] = 0
     state.ready[w] = False
@@ -75,13 +69,4 @@ def _begin_fetches(
     state.home[w] = wp.vec2(start[w][0], start[w][1])
     state.grip[w] = wp.vec2(0.0, 0.0)
     state.is_found[w] = False
-    forces.finger[w, 0] = 0.0
-    forces.finger[w, 1] = 0.0
-    forces.table[w] = 0.0
-    forces.hard[w] = 0.0
-    forces.support[w] = True
-    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
-    counter[w] = counter[w] + 1
-    lag_out[w, 0] = drawn[0]
-    lag_out[w, 1] = drawn[1]
-    speed_scale_out[w] = drawn[2]
+    clear_forces(w, forces)

@@ -14,6 +14,7 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.tasks.pick.episode import PICK_OUTCOMES
+from spin_rl.warp_kernels.slots import Slots
 
 STAGES = ("reach", "align", "pick", "retract", "carry", "place")
 REACH = wp.constant(STAGES.index("reach"))
@@ -33,20 +34,20 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class FetchRules:
-    """When stages end; see `FetchConfig`."""
+    """When stages end; see `FetchConfig`. `limits` are the steps of `StageLimits`."""
 
     limits: wp.array[int]
-    max_length: int
+    episode_steps: int
     retries: int
     hold_steps: int
-    goal_tolerance: float
-    home_tolerance: float
-    lift: float
-    grasp_force: float
-    finger_force: float
-    hard_force: float
-    fall: float
-    place: float
+    goal_tolerance_m: float
+    home_tolerance_m: float
+    lift_m: float
+    grasp_force_n: float
+    finger_force_n: float
+    hard_force_n: float
+    fall_m: float
+    place_m: float
     table_slot: int
 
 
@@ -117,9 +118,7 @@ class Bodies:
     object_start: wp.array[wp.vec4]
     half_extents: wp.array[wp.vec3]
     goal: wp.array[wp.vec2]
-    slot_pos: wp.array2d[wp.vec3]
-    slot_half: wp.array2d[wp.vec3]
-    slot_yaw: wp.array2d[float]
+    slots: Slots
 
 
 def make_state(nworld: int, device: str) -> FetchState:

@@ -9,12 +9,15 @@ from spin_rl import robot
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.clearance import Clearance
-from spin_rl.tasks.common import episode, rewards
-from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
-from spin_rl.tasks.common.statistics import NavStatistics
+from spin_rl.tasks.common.episode import SUCCESS
+from spin_rl.tasks.common.rules import rules_of
+from spin_rl.tasks.nav import episode
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.observations import NavObservations
+from spin_rl.tasks.nav.rewards import TERMS, NavTransition
+from spin_rl.tasks.nav.statistics import NavStatistics
 
 
 class NavEnv(CorridorEnv):
@@ -24,7 +27,7 @@ class NavEnv(CorridorEnv):
     """
 
     cfg: NavConfig
-    last_transition: rewards.Transition | None = None
+    last_transition: NavTransition | None = None
 
     def __init__(
         self,
@@ -52,7 +55,7 @@ class NavEnv(CorridorEnv):
             device,
             seed,
             pool=PoolSpec() if scene is None else scene.pool,
-            terms=rewards.TERMS,
+            terms=TERMS,
             camera_action=[
                 robot.action_of(joint, at)
                 for joint, at in zip(robot.CAMERA_JOINTS, cfg.camera_pose or (), strict=False)
@@ -67,10 +70,11 @@ class NavEnv(CorridorEnv):
             self._distance = wp.zeros(num_envs, dtype=float)
             self._progress = wp.zeros(num_envs, dtype=float)
             self._goal_distance = wp.zeros(num_envs, dtype=float)
-        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
+        self._rules = rules_of(episode.NavRules, cfg, level_up=self._moves.up, level_down=self._moves.down)
+        self._make_corridors(cfg)
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
-        self.observations = NavObservations(self.sim, self.scandots, cfg.noise, seed, self.depth)
+        self.observations = NavObservations(self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
@@ -78,39 +82,28 @@ class NavEnv(CorridorEnv):
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
         self._goal_distance_view = wp.to_torch(self._goal_distance)
-        # The goal before the step: layouts of worlds that ended have changed when rewards are computed.
-        self._goal_before = torch.zeros_like(self.sim.views.goal)
+        # The goal before the step: worlds that ended have new ones when rewards are computed.
+        self._goal_before = torch.zeros_like(self.goal)
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
 
     def _end_episodes(self) -> None:
-        sim, cfg = self.sim, self.cfg
+        sim = self.sim
         wp.launch(
-            episode._end_episodes,
+            episode.end_episodes,
             dim=self.num_envs,
             inputs=[
                 sim.data.qpos,
                 sim.data.qvel,
                 sim.action,
-                sim.layout.goal,
+                self._goal,
                 sim.layout.bend,
                 sim.contacts.parts,
-                cfg.goal_tolerance_m,
-                self.max_episode_length,
-                cfg.stop_on_collision,
-                self._moves.up,
-                self._moves.down,
+                self._rules,
                 self._episode_length,
                 self._distance,
                 self._level,
             ],
-            outputs=[
-                self._progress,
-                self._goal_distance,
-                self._final_qpos,
-                self._final_qvel,
-                self._outcome,
-                self._done,
-            ],
+            outputs=[self._progress, self._goal_distance, self._end],
         )
 
     def _draw_scenes(self, mask: wp.array) -> None:
@@ -127,36 +120,28 @@ class NavEnv(CorridorEnv):
             )
 
     def _begin_episodes(self, mask: wp.array) -> None:
+        super()._begin_episodes(mask)
         sim = self.sim
         wp.launch(
-            episode._begin_episodes,
+            episode.begin_episodes,
             dim=self.num_envs,
-            inputs=[
-                mask,
-                sim.data.qpos,
-                sim.layout.goal,
-                sim.layout.bend,
-                self._seed,
-                self._lag_range,
-                self._speed_range,
-                self._counter,
-            ],
-            outputs=[self._episode_length, self._distance, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask, sim.data.qpos, self._goal, sim.layout.bend],
+            outputs=[self._distance],
         )
 
     def _before_step(self) -> None:
-        self._goal_before.copy_(self.sim.views.goal)
+        self._goal_before.copy_(self.goal)
 
-    def _transition(self, action: torch.Tensor) -> rewards.Transition:
+    def _transition(self, action: torch.Tensor) -> NavTransition:
         qpos, qvel = self.final_qpos, self.final_qvel
         to_goal = self._goal_before - qpos[:, :2]
         direction = to_goal / to_goal.norm(dim=-1, keepdim=True).clamp_min(1e-6)
-        return rewards.Transition(
+        return NavTransition(
             progress=self._progress_view,
             goal_distance=self._goal_distance_view,
             goal_speed=(qvel[:, :2] * direction).sum(-1),
             qvel=qvel,
-            success=self.outcome == episode.SUCCESS,
+            success=self.outcome == SUCCESS,
             collision=self.sim.views.part_contacts.any(-1),
             self_contact=self.sim.views.self_contact,
             action=action,

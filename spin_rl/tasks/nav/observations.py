@@ -22,13 +22,13 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, rotate
 
-GROUPS = ("proprio", "goal", "scandots", "scandots_all")
-OPTIONAL_GROUPS = ("depth",)
+NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+NAV_OPTIONAL_GROUPS = ("depth",)
 GOAL_SCALE_M = 2.5
 
 
 @dataclass(frozen=True)
-class NoiseConfig(ProprioNoise):
+class NavNoise(ProprioNoise):
     """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
 
     Attributes:
@@ -46,8 +46,9 @@ class NavObservations(Proprioception):
     def __init__(
         self,
         sim: Simulation,
+        goal: torch.Tensor,
         scandots: Scandots,
-        noise: NoiseConfig,
+        noise: NavNoise,
         seed: int,
         depth: DepthImages | None = None,
     ) -> None:
@@ -55,12 +56,14 @@ class NavObservations(Proprioception):
 
         Args:
             sim: The simulation to read.
+            goal: Where the base should go, world, a view [m], shape (num_envs, 2).
             scandots: Its scandot sensor.
             noise: Sensor noise.
             seed: Seed of the noise.
             depth: Its depth camera, if it has one.
         """
         super().__init__(sim, noise, seed)
+        self._goal = goal
         self._noise = noise
         self._depth = depth
         self._visible = wp.to_torch(scandots.visible).flatten(1)
@@ -82,7 +85,7 @@ class NavObservations(Proprioception):
 
     def _goal_in_base(self) -> torch.Tensor:
         qpos = self._views.qpos
-        return self.perturbed(rotate(self._views.goal - qpos[:, :2], qpos[:, 2:3]), self._noise.goal_m)
+        return self.perturbed(rotate(self._goal - qpos[:, :2], qpos[:, 2:3]), self._noise.goal_m)
 
     def _with_noise(self, tokens: torch.Tensor) -> torch.Tensor:
         if self._noise.scandots_m == 0.0:

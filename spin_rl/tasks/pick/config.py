@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.tabletops.params import TabletopParams
@@ -27,61 +26,72 @@ GRASP_SIM = SimConfig(
 
 
 @dataclass(frozen=True)
-class PickConfig(TaskConfig):
-    """Everything that defines the pick task.
+class GraspConfig(TaskConfig):
+    """What tasks with an object to grasp have.
 
     Attributes:
         lift_m: Height over its start at which the object counts as lifted [m].
-        hold_s: Time for which it must be held there for a success [s].
+        hold_s: Time for which it must be held there to be picked [s].
         grasp_force_n: Sum of both fingertips' forces from which the object is grasped [N] (paper, r_lift).
         finger_force_n: Smallest force of each of them [N].
-        hard_force_n: Force on the scene of a part other than the fingers that ends the episode [N].
-        fall_m: Depth of the object's centre below the table's top that ends the episode [m].
-        end_on_success: Whether a success ends the episode, or the object is to be held up until the time
-            limit.
+        hard_force_n: Force on the scene of a part other than the fingers that ends the episode, while the
+            robot is not driving [N].
+        fall_m: Depth of the object's centre below the table's top at which it is lost [m].
         object: One of `objects.OBJECTS`, "any", or several joined by +, for the worlds in turn.
         detector: How the object is found, one of `sight.DETECTORS`: "none" takes its true place while
             it is in sight (`sight`), "segmentation" finds it in depth images.
-        near_share: Share of episodes that start with the gripper near the object, at the curriculum's start
-            and at level 1.
-        scene: Parameters of the tabletop generator.
         sight: When the camera sees the object.
-        noise: Sensor noise.
         manipulation: How actions move the joints.
     """
 
-    episode_s: float = 7.0
     lift_m: float = 0.1
     hold_s: float = 1.0
     grasp_force_n: float = 10.0
     finger_force_n: float = 1.0
     hard_force_n: float = 30.0
     fall_m: float = 0.05
-    end_on_success: bool = False
     object: str = ANY_OBJECT
     detector: str = "none"
-    near_share: tuple[float, float] = (0.5, 0.1)
-    reward: dict[str, float] = field(
-        default_factory=lambda: {"reach": 0.1, "grasp": 0.1, "lift": 0.3, "success": 0.3}
-    )
-    curriculum: CurriculumConfig = field(default_factory=lambda: CurriculumConfig(up=0.1, down=0.15))
     dynamics: DynamicsConfig = field(
         default_factory=lambda: DynamicsConfig((0.15, 0.15), (0.1, 0.1), (1.0, 1.0))
     )
     sim: SimConfig = GRASP_SIM
-    scene: TabletopParams = field(default_factory=TabletopParams)
     sight: SightConfig = field(default_factory=SightConfig)
-    noise: PickNoise = field(default_factory=PickNoise)
     manipulation: ManipulationConfig = field(default_factory=ManipulationConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""
         super().__post_init__()
-        for name in ("lift_m", "hold_s", "grasp_force_n", "finger_force_n", "hard_force_n", "fall_m"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"task.{name} must be positive, got {getattr(self, name)}")
         check_object(self.object)
         check_detector(self.detector)
+
+
+@dataclass(frozen=True)
+class PickConfig(GraspConfig):
+    """Everything that defines the pick task.
+
+    Attributes:
+        end_on_success: Whether a success ends the episode, or the object is to be held up until the time
+            limit.
+        near_share: Share of episodes that start with the gripper near the object, at the curriculum's start
+            and at level 1.
+        scene: Parameters of the tabletop generator.
+        noise: Sensor noise.
+    """
+
+    episode_s: float = 7.0
+    end_on_success: bool = False
+    near_share: tuple[float, float] = (0.5, 0.1)
+    reward: dict[str, float] = field(
+        default_factory=lambda: {"reach": 0.1, "grasp": 0.1, "lift": 0.3, "success": 0.3}
+    )
+    curriculum: CurriculumConfig = field(default_factory=lambda: CurriculumConfig(up=0.1, down=0.15))
+    scene: TabletopParams = field(default_factory=TabletopParams)
+    noise: PickNoise = field(default_factory=PickNoise)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        super().__post_init__()
         for share in self.near_share:
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"task.near_share must be in [0, 1], got {share}")

@@ -10,6 +10,7 @@ from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.generator import generate_tabletops
 from spin_rl.tasks.common.env import TaskEnv, with_camera_at
 from spin_rl.tasks.common.object_choice import ObjectChoice
+from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.pick import episode as pick_episode
 from spin_rl.tasks.pick import rewards as pick_rewards
@@ -97,24 +98,16 @@ class PickEnv(ObjectChoice, TaskEnv):
         self._progress.hard_peak = wp.zeros(n, dtype=float)
         self._progress.level = self._level
         self._forces = pick_episode.read_forces(sim.grasp)
-        self._rules = pick_episode.PickRules()
-        self._rules.max_length = self.max_episode_length
-        self._rules.hold_steps = max(round(cfg.hold_s / cfg.sim.control_period), 1)
-        self._rules.lift = cfg.lift_m
-        self._rules.grasp_force = cfg.grasp_force_n
-        self._rules.finger_force = cfg.finger_force_n
-        self._rules.hard_force = cfg.hard_force_n
-        self._rules.fall = cfg.fall_m
-        self._rules.end_on_success = cfg.end_on_success
-        self._rules.level_up = self._moves.up
-        self._rules.level_down = self._moves.down
+        self._rules = rules_of(
+            pick_episode.PickRules, cfg, level_up=self._moves.up, level_down=self._moves.down
+        )
 
     def _end_episodes(self) -> None:
         sim = self.sim
         # Poses of the gripper are those of the last substep's start until now.
         sim.forward()
         wp.launch(
-            pick_episode._end_picks,
+            pick_episode.end_picks,
             dim=self.num_envs,
             inputs=[
                 sim.data.qpos,
@@ -129,13 +122,13 @@ class PickEnv(ObjectChoice, TaskEnv):
                 self._rules,
                 self._progress,
             ],
-            outputs=[self._step_arrays, self._final_qpos, self._final_qvel, self._outcome, self._done],
+            outputs=[self._step_arrays, self._end],
         )
 
     def _draw_scenes(self, mask: wp.array) -> None:
         sim, cfg = self.sim, self.cfg
         wp.launch(
-            pick_episode._set_near_share,
+            pick_episode.set_near_share,
             dim=self.num_envs,
             inputs=[self._level, cfg.curriculum.start, *cfg.near_share],
             outputs=[self._near_share],
@@ -153,12 +146,12 @@ class PickEnv(ObjectChoice, TaskEnv):
         )
 
     def _begin_episodes(self, mask: wp.array) -> None:
-        sim = self.sim
+        super()._begin_episodes(mask)
         wp.launch(
-            pick_episode._begin_picks,
+            pick_episode.begin_picks,
             dim=self.num_envs,
-            inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
-            outputs=[self._progress, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
+            inputs=[mask],
+            outputs=[self._progress, self._forces],
         )
 
     def _before_step(self) -> None:

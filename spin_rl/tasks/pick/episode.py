@@ -16,7 +16,10 @@ from spin_rl.tasks.common.episode import (
     RUNNING,
     SUCCESS,
     TIMEOUT,
-    draw_servos,
+    StepEnd,
+    keep_state,
+    move_level,
+    put_outcome,
 )
 
 DROPPED = wp.constant(len(OUTCOMES))
@@ -38,13 +41,13 @@ wp.set_module_options({"enable_backward": False})
 class PickRules:
     """When a pick ends and what counts as one; see `PickConfig`."""
 
-    max_length: int
+    episode_steps: int
     hold_steps: int
-    lift: float
-    grasp_force: float
-    finger_force: float
-    hard_force: float
-    fall: float
+    lift_m: float
+    grasp_force_n: float
+    finger_force_n: float
+    hard_force_n: float
+    fall_m: float
     end_on_success: bool
     level_up: float
     level_down: float
@@ -96,14 +99,13 @@ class Progress:
 
 
 @wp.func
-def copy_if_finite(row: wp.array2d(dtype=float), w: int, kept_out: wp.array2d(dtype=float)) -> bool:
-    """Whether all values of a world are finite; copies them, or zeros."""
-    finite = bool(True)
-    for i in range(row.shape[1]):
-        kept_out[w, i] = row[w, i]
-        if not wp.isfinite(row[w, i]):
-            finite = False
-    return finite
+def clear_forces(w: int, forces: Forces) -> None:
+    """Forget a world's forces: nothing touches anything, and the object stands."""
+    forces.finger[w, 0] = 0.0
+    forces.finger[w, 1] = 0.0
+    forces.table[w] = 0.0
+    forces.hard[w] = 0.0
+    forces.support[w] = True
 
 
 @wp.func
@@ -146,13 +148,13 @@ def _describe(
         if wp.abs(offset[i]) > _INSIDE[i]:
             inside = False
     out.inside[w] = inside
-    out.pressed[w] = left + right > rules.grasp_force
-    out.grasped[w] = is_grasped(w, forces, rules.grasp_force, rules.finger_force)
-    out.collision[w] = forces.hard[w] > rules.hard_force
+    out.pressed[w] = left + right > rules.grasp_force_n
+    out.grasped[w] = is_grasped(w, forces, rules.grasp_force_n, rules.finger_force_n)
+    out.collision[w] = forces.hard[w] > rules.hard_force_n
 
 
 @wp.kernel
-def _end_picks(
+def end_picks(
     # In
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
@@ -168,32 +170,16 @@ def _end_picks(
     progress: Progress,
     # Out
     out: StepArrays,
-    final_qpos_out: wp.array2d(dtype=float),
-    final_qvel_out: wp.array2d(dtype=float),
-    outcome_out: wp.array(dtype=wp.int32),
-    done_out: wp.array(dtype=bool),
+    end: StepEnd,
 ) -> None:
+    """Describe the control step just made and end episodes, one thread per world."""
     w = wp.tid()
     progress.length[w] = progress.length[w] + 1
-    finite = copy_if_finite(qpos, w, final_qpos_out)
-    finite = copy_if_finite(qvel, w, final_qvel_out) and finite
-    for i in range(action.shape[1]):
-        if not wp.isfinite(action[w, i]):
-            finite = False
-
     outcome = RUNNING
     out.time_out[w] = False
-    if not finite:
+    if not keep_state(w, qpos, qvel, action, end):
         outcome = NON_FINITE
-        # Zeros keep the rewards of this step finite; the world itself is reset.
-        for i in range(qpos.shape[1]):
-            final_qpos_out[w, i] = 0.0
-        for i in range(qvel.shape[1]):
-            final_qvel_out[w, i] = 0.0
-        forces.finger[w, 0] = 0.0
-        forces.finger[w, 1] = 0.0
-        forces.table[w] = 0.0
-        forces.hard[w] = 0.0
+        clear_forces(w, forces)
         _describe(w, wp.vec3(1.0, 0.0, 0.0), 0.0, 0.0, forces, rules, out)
         out.success[w] = False
         out.dropped[w] = False
@@ -202,37 +188,33 @@ def _end_picks(
         offset = wp.transpose(site_xmat[w, grasp_site]) * (at - site_xpos[w, grasp_site])
         height = at[2] - start_pose[w][2]
         _describe(w, offset, height, 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT]), forces, rules, out)
-        lifted = is_lifted(w, height, forces, rules.grasp_force, rules.finger_force, rules.lift)
+        lifted = is_lifted(w, height, forces, rules.grasp_force_n, rules.finger_force_n, rules.lift_m)
         progress.held[w] = wp.where(lifted, progress.held[w] + 1, 0)
         out.success[w] = progress.held[w] >= rules.hold_steps
         # Who hits something in the step of the first success has not succeeded.
         if out.success[w] and not out.collision[w]:
             progress.succeeded[w] = True
         # At the start the object stands on the table.
-        out.dropped[w] = height + half_extents[w][2] < -rules.fall
+        out.dropped[w] = height + half_extents[w][2] < -rules.fall_m
         if out.collision[w]:
             outcome = COLLISION
         elif out.dropped[w]:
             outcome = DROPPED
         elif rules.end_on_success and out.success[w]:
             outcome = SUCCESS
-        elif progress.length[w] >= rules.max_length:
+        elif progress.length[w] >= rules.episode_steps:
             outcome = TIMEOUT
             out.time_out[w] = True
         if outcome != RUNNING and progress.succeeded[w]:
             outcome = SUCCESS
     progress.hard_peak[w] = wp.max(progress.hard_peak[w], forces.hard[w])
     out.hard_peak[w] = progress.hard_peak[w]
-    outcome_out[w] = outcome
-    done_out[w] = outcome != RUNNING
-    if outcome == SUCCESS:
-        progress.level[w] = wp.min(progress.level[w] + rules.level_up, 1.0)
-    elif outcome != RUNNING:
-        progress.level[w] = wp.max(progress.level[w] - rules.level_down, 0.0)
+    put_outcome(w, outcome, end)
+    move_level(w, outcome, rules.level_up, rules.level_down, progress.level)
 
 
 @wp.kernel
-def _set_near_share(
+def set_near_share(
     # In
     level: wp.array(dtype=float),
     start_level: float,
@@ -241,43 +223,28 @@ def _set_near_share(
     # Out
     near_share_out: wp.array(dtype=float),
 ) -> None:
+    """Set the share of near starts of every world's level, one thread per world."""
     w = wp.tid()
     way = wp.clamp((level[w] - start_level) / wp.max(1.0 - start_level, 1.0e-6), 0.0, 1.0)
     near_share_out[w] = first_share + way * (last_share - first_share)
 
 
 @wp.kernel
-def _begin_picks(
+def begin_picks(
     # In
     mask: wp.array(dtype=bool),
-    seed: wp.array(dtype=wp.int32),
-    lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
-    # In and out
-    counter: wp.array(dtype=wp.int32),
     # Out
     progress: Progress,
     forces: Forces,
-    lag_out: wp.array2d(dtype=float),
-    speed_scale_out: wp.array(dtype=float),
 ) -> None:
+    """Begin the masked worlds' episodes, one thread per world."""
     w = wp.tid()
     if not mask[w]:
         return
-    progress.length[w] = 0
     progress.held[w] = 0
     progress.succeeded[w] = False
     progress.hard_peak[w] = 0.0
-    forces.finger[w, 0] = 0.0
-    forces.finger[w, 1] = 0.0
-    forces.table[w] = 0.0
-    forces.hard[w] = 0.0
-    forces.support[w] = True
-    drawn = draw_servos(seed[0], w, counter[w], lag_range, speed_range)
-    counter[w] = counter[w] + 1
-    lag_out[w, 0] = drawn[0]
-    lag_out[w, 1] = drawn[1]
-    speed_scale_out[w] = drawn[2]
+    clear_forces(w, forces)
 
 
 @dataclass

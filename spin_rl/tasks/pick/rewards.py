@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from spin_rl.tasks.common import rewards
-from spin_rl.tasks.common.rewards import Motion, Term
+from spin_rl.tasks.common.rewards import Term, Transition
 
 REACH_PER_M = 5.0
 FINE_PER_M = 20.0
@@ -21,7 +21,7 @@ PAPER_PER_M = 15.0
 
 
 @dataclass
-class PickTransition(Motion):
+class PickTransition(Transition):
     """What a control step did; `success`: held up long enough, `collision`: a part but the fingers hit.
 
     Attributes:

@@ -36,21 +36,23 @@ def image_lines(rows: int, cols: int, *, along_rows: bool = True) -> ImageLines:
 
 
 @wp.kernel
-def _count_frames(
+def count_frames(
     # In and out
     frame: wp.array(dtype=wp.int32),
 ) -> None:
+    """Count one more frame in every world."""
     world = wp.tid()
     frame[world] = frame[world] + 1
 
 
 @wp.kernel
-def _restart_frames(
+def restart_frames(
     # In
     mask: wp.array(dtype=bool),
     # Out
     frame_out: wp.array(dtype=wp.int32),
 ) -> None:
+    """Count from zero in the masked worlds."""
     world = wp.tid()
     if mask[world]:
         frame_out[world] = 0

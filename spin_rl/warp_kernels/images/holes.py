@@ -78,7 +78,7 @@ def _take_nearest(
 
 
 @wp.kernel
-def _dilate(
+def dilate(
     # In
     depth: wp.array[float],
     around: wp.array[float],
@@ -92,6 +92,7 @@ def _dilate(
     # Out
     depth_out: wp.array[float],
 ) -> None:
+    """Fill holes with the nearest depth around them, one thread per world and group of pixels."""
     world, row, group = wp.tid()
     _take_nearest(
         depth,
@@ -172,7 +173,7 @@ def _close(
 
 
 @wp.kernel
-def _close_lines(
+def close_lines(
     # In
     depth: wp.array[float],
     lines: ImageLines,
@@ -183,6 +184,7 @@ def _close_lines(
     # Out
     depth_out: wp.array[float],
 ) -> None:
+    """Fill short runs of holes from their two ends, one thread per world and group of lines."""
     world, group = wp.tid()
     # At every hole of a run, the distances to its two ends add up to the run's length plus one.
     reach = float(longest + 1)

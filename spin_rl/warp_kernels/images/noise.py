@@ -179,7 +179,7 @@ def _measure(
 
 
 @wp.kernel
-def _measure_lines(
+def measure_lines(
     # In
     depth: wp.array[float],
     lines: ImageLines,
@@ -195,6 +195,7 @@ def _measure_lines(
     # Out
     depth_out: wp.array[float],
 ) -> None:
+    """Let a stereo camera measure, one thread per world and group of lines."""
     world, group = wp.tid()
     now = frame[world]
     # An episode's first frames have no older one.
@@ -209,7 +210,7 @@ def _measure_lines(
 
 
 @wp.kernel
-def _punch_patches(
+def punch_patches(
     # In
     lines: ImageLines,
     num_patches: int,
@@ -223,6 +224,7 @@ def _punch_patches(
     ring: wp.array(dtype=float),
     depth: wp.array(dtype=float),
 ) -> None:
+    """Make patches of holes, one thread per world and patch."""
     world, patch = wp.tid()
     now = frame[world]
     size = lines.count * lines.length
@@ -249,7 +251,7 @@ def _punch_patches(
 
 
 @wp.kernel
-def _begin_episodes(
+def begin_episodes(
     # In
     mask: wp.array(dtype=bool),
     seed: wp.array(dtype=wp.int32),
@@ -265,6 +267,7 @@ def _begin_episodes(
     mount_pos_out: wp.array(dtype=wp.vec3),
     mount_rot_out: wp.array(dtype=wp.mat33),
 ) -> None:
+    """Draw latency and mount of the masked worlds' new episodes."""
     world = wp.tid()
     if not mask[world]:
         return

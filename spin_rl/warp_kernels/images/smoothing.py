@@ -124,7 +124,7 @@ def _smooth(
 
 
 @wp.kernel
-def _smooth_pixels(
+def smooth_pixels(
     # In
     depth: wp.array[float],
     rows: int,
@@ -134,6 +134,7 @@ def _smooth_pixels(
     # Out
     depth_out: wp.array[float],
 ) -> None:
+    """Smooth images, one thread per world and group of pixels."""
     world, row, group = wp.tid()
     _smooth(depth, world * rows * cols, rows, cols, row, group * lanes, smoothing, depth_out)
 
@@ -173,7 +174,7 @@ def _remember(
 
 
 @wp.kernel
-def _remember_pixels(
+def remember_pixels(
     # In
     depth: wp.array[float],
     size: int,
@@ -186,5 +187,6 @@ def _remember_pixels(
     # Out
     policy_out: wp.array[float],
 ) -> None:
+    """Mix images with those before and scale them, one thread per world and run of pixels."""
     world, group = wp.tid()
     _remember(depth, world * size + group * run, run, memory, frame[world] == 0, age, history, policy_out)

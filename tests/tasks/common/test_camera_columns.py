@@ -2,7 +2,7 @@
 
 import torch
 
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 

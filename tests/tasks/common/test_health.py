@@ -7,8 +7,9 @@ from nav_worlds import actions, assert_same, run
 
 from spin_rl.sim import SimConfig
 from spin_rl.sim.simulation import OVERFLOWS
-from spin_rl.tasks.common import episode, rewards
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.nav import rewards
+from spin_rl.tasks.nav.config import NavConfig
 
 SICK = 2
 ALL_TERMS = NavConfig(reward=dict.fromkeys(rewards.TERMS, 1.0))

@@ -61,14 +61,14 @@ def test_starts_in_reach_with_the_groups_of_both_policies(env):
 
 
 def test_reaching_the_stand_point_begins_align_in_that_world_alone(env):
-    stand_at(env, env.sim.views.goal[1], 1)
+    stand_at(env, env.goal[1], 1)
     env.step(idle(env))
     assert env.stage.tolist() == [REACH, ALIGN, REACH, REACH]
     assert state(env, "reached").tolist() == [False, True, False, False]
 
 
 def test_touching_a_wall_while_driving_ends_the_fetch(env):
-    stand_at(env, env.sim.views.goal[2] + torch.tensor([0.0, 0.45]), 2)
+    stand_at(env, env.goal[2] + torch.tensor([0.0, 0.45]), 2)
     env.step(idle(env))
     assert env.outcome[2] == episode.COLLISION
     result = env.results()
@@ -78,7 +78,7 @@ def test_touching_a_wall_while_driving_ends_the_fetch(env):
 
 def test_align_hands_over_within_the_pick_tasks_range(env):
     for world in range(NUM_WORLDS):
-        goal = env.sim.views.goal[world]
+        goal = env.goal[world]
         along = torch.tensor([math.cos(table_yaw(env, world)), math.sin(table_yaw(env, world))])
         stand_at(env, goal - 0.1 * along, world, table_yaw(env, world) + 0.3 * (-1) ** world)
     handed_over = torch.zeros(NUM_WORLDS, dtype=torch.bool)
@@ -110,7 +110,7 @@ def test_align_hands_over_within_the_pick_tasks_range(env):
 
 def test_a_pick_out_of_time_is_tried_once_more_and_then_fails(env):
     world, limit = 0, round(env.cfg.limits.pick / 0.1)
-    stand_at(env, env.sim.views.goal[world], world, table_yaw(env, world) + math.pi)
+    stand_at(env, env.goal[world], world, table_yaw(env, world) + math.pi)
     enter(env, PICK, world)
     state(env, "time")[world] = limit - 1
     state(env, "is_found")[world] = True
@@ -130,7 +130,7 @@ def test_a_pick_out_of_time_is_tried_once_more_and_then_fails(env):
 @pytest.mark.parametrize("stage", [ALIGN, PICK])
 def test_an_object_on_the_floor_is_lost(env, stage):
     world = 3
-    stand_at(env, env.sim.views.goal[world], world)
+    stand_at(env, env.goal[world], world)
     put_object(env, [0.0, 0.0, 0.1], world)
     enter(env, stage, world)
     env.step(idle(env))
@@ -140,7 +140,7 @@ def test_an_object_on_the_floor_is_lost(env, stage):
 
 def test_a_drop_onto_the_table_is_picked_again_and_one_beside_it_is_not(env):
     for world in (0, 1):
-        stand_at(env, env.sim.views.goal[world], world)
+        stand_at(env, env.goal[world], world)
         enter(env, RETRACT, world)
     put_object(env, [0.0, 0.0, 1.0], 1)
     for step in range(3):
@@ -155,8 +155,9 @@ def test_a_drop_onto_the_table_is_picked_again_and_one_beside_it_is_not(env):
 def test_carrying_back_to_the_start_begins_place_with_the_goal_moved(env):
     world = 2
     home = state(env, "home")[world].clone()
+    drawn = env.sim.layout.goal.numpy().copy()
     np.testing.assert_allclose(home, env.sim.layout.start.numpy()[world, :2], atol=1e-6)
-    stand_at(env, env.sim.views.goal[world], world)
+    stand_at(env, env.goal[world], world)
     enter(env, RETRACT, world, phase=4)
     state(env, "ready")[world] = True
     state(env, "phase_time")[world] = 10
@@ -166,7 +167,8 @@ def test_carrying_back_to_the_start_begins_place_with_the_goal_moved(env):
     env.sim.views.target[world, 5] = -0.05
     env.step(idle(env))
     assert env.stage[world] == CARRY
-    np.testing.assert_allclose(env.sim.views.goal[world], home)
+    np.testing.assert_allclose(env.goal[world], home)
+    np.testing.assert_array_equal(env.sim.layout.goal.numpy(), drawn, "the scene stays what it was")
     stand_at(env, home + torch.tensor([0.1, 0.0]), world)
     env.step(idle(env))
     assert env.stage[world] == PLACE
@@ -220,11 +222,11 @@ def test_carrying_takes_base_head_and_lift_from_the_policy_alone(env):
 def test_the_pick_policy_cannot_drive_into_walls(env):
     """The same push from the same place to the same wall: without the bumper, while it drives, it hits."""
     pick, drive = 0, 2
-    start = env.sim.views.goal[[pick, drive]].clone()
+    start = env.goal[[pick, drive]].clone()
     for world, point in zip((pick, drive), start, strict=True):
         stand_at(env, point, world, table_yaw(env, world) + 0.5 * math.pi)
     enter(env, PICK, pick)
-    env.sim.views.goal[drive] += 10.0  # or it would have reached it
+    env.goal[drive] += 10.0  # or it would have reached it
     action = idle(env)
     action[:, 0] = 1.0
     outcomes = []
@@ -259,7 +261,7 @@ def test_same_seed_same_bits_with_and_without_a_graph(make_fetch_env):
         env.set_cells([1, 2, 1], [0, 1, 2])
         env.reset()
         for world in (0, 1):
-            stand_at(env, env.sim.views.goal[world], world)
+            stand_at(env, env.goal[world], world)
         generator = torch.Generator().manual_seed(1)
         rows = []
         for _ in range(12):
@@ -279,7 +281,7 @@ def test_results_keep_the_first_fetch_of_every_world(env):
     first, second = int(env.sim.object.views.kind[world]), "mug"
     assert OBJECTS[first] != second
     env.set_objects([second] * NUM_WORLDS)
-    stand_at(env, env.sim.views.goal[world] + torch.tensor([0.0, 0.45]), world)
+    stand_at(env, env.goal[world] + torch.tensor([0.0, 0.45]), world)
     env.step(idle(env))
     result = env.results()
     env.step(idle(env))

@@ -7,13 +7,14 @@ import pytest
 import torch
 from nav_worlds import actions, assert_same, run
 
-from spin_rl.tasks.common.config import CurriculumConfig, NavConfig
-from spin_rl.tasks.nav.observations import NoiseConfig
+from spin_rl.tasks.common.config import CurriculumConfig
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import NavNoise
 
 
 def succeed(env, worlds):
     """One step in which some worlds reach their goals, which were moved to where they stand."""
-    env.sim.views.goal[worlds] = env.sim.views.qpos[worlds, :2]
+    env.goal[worlds] = env.sim.views.qpos[worlds, :2]
     env.step(env.sim.views.action.clone())
 
 
@@ -70,7 +71,7 @@ def test_level_narrows_and_fills_the_corridor(nav_env, level, width, most):
 
 
 def test_saved_state_continues_with_the_same_episodes(make_nav_env):
-    noise = NoiseConfig(0.01, 0.01, 0.01, 0.01, 0.01)
+    noise = NavNoise(0.01, 0.01, 0.01, 0.01, 0.01)
     cfg = NavConfig(episode_s=0.6, noise=noise, curriculum=CurriculumConfig(start=0.4, down=0.1))
     env = make_nav_env(cfg, 4, seed=9)
     succeed(env, [1])

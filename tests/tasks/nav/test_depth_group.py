@@ -11,9 +11,9 @@ from spin_rl.config import ConfigError
 from spin_rl.sensors.depth.noise import DepthNoiseConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.tasks.common.compose import with_depth
-from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.common.depth import image_shape
-from spin_rl.tasks.nav.observations import GROUPS
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import NAV_GROUPS
 from spin_rl.tasks.nav.spec import NAV
 
 NUM_ENVS = 4
@@ -44,7 +44,7 @@ def test_image_is_the_policys_input_in_8_bits(env):
 
 def test_everything_else_is_as_without_images(env, make_nav_env):
     plain = make_nav_env(replace(CONFIG, depth=None), NUM_ENVS, seed=5)
-    assert plain.depth is None and tuple(plain.get_observations().keys()) == GROUPS
+    assert plain.depth is None and tuple(plain.get_observations().keys()) == NAV_GROUPS
     with_images, without = records(env), records(plain)
     for step in with_images:
         del step["depth"]

@@ -7,7 +7,7 @@ from nav_worlds import actions, assert_same, run, snapshot
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig
 
 BOX = PoolSpec().first_box
 MOVING = GeneratorParams(emerging_share=0.5, patrolling_share=0.5, wall_height=(2.0, 2.0))

@@ -11,10 +11,10 @@ from spin_rl import robot
 from spin_rl.scenes.builder import PARKED_Z_M, native_model
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.config import NavConfig
-from spin_rl.tasks.nav.observations import NoiseConfig
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import NavNoise
 
-NOISE = NoiseConfig(0.005, 0.02, 0.02, 0.02, 0.01)
+NOISE = NavNoise(0.005, 0.02, 0.02, 0.02, 0.01)
 
 
 def reset_worlds(env, worlds):
@@ -112,7 +112,7 @@ def test_outcome_and_contacts_are_those_before_the_reset(nav_env):
     drive[:, 1] = torch.linspace(-1, 1, nav_env.num_envs)  # most will hit a wall
     ended = torch.zeros(nav_env.num_envs, dtype=torch.bool)
     for _ in range(30):
-        goal = nav_env.sim.views.goal.clone()
+        goal = nav_env.goal.clone()
         _, _, done, extras = nav_env.step(drive)
         collided = nav_env.outcome == episode.COLLISION
         touched = nav_env.sim.views.part_contacts.any(-1)
@@ -146,7 +146,7 @@ def test_time_limit_is_a_timeout_and_no_failure_of_the_value(make_nav_env):
 
 def test_goal_reached_is_a_success(nav_env):
     drive = nav_env.sim.views.action.clone()
-    nav_env.sim.views.goal[2] = nav_env.sim.views.qpos[2, :2] + 0.1
+    nav_env.goal[2] = nav_env.sim.views.qpos[2, :2] + 0.1
     _, reward, done, extras = nav_env.step(drive)
     assert nav_env.outcome.tolist() == [0, 0, episode.SUCCESS, 0, 0, 0, 0, 0]
     assert done.tolist() == [0, 0, 1, 0, 0, 0, 0, 0] and not extras["time_outs"].any()
@@ -169,7 +169,7 @@ def test_manual_reset_forgets_running_episodes(nav_env):
     for _ in range(3):
         nav_env.step(drive)
     nav_env.reset()
-    nav_env.sim.views.goal[0] = nav_env.sim.views.qpos[0, :2] + 0.05
+    nav_env.goal[0] = nav_env.sim.views.qpos[0, :2] + 0.05
     nav_env.step(nav_env.sim.views.action.clone())
     stats = nav_env.episode_stats()
     assert stats["episodes"] == 1 and stats["mean_length_s"] == pytest.approx(0.1)

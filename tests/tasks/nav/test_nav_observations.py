@@ -8,9 +8,9 @@ from nav_worlds import actions, run
 
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
-from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.common.proprioception import PROPRIO
-from spin_rl.tasks.nav.observations import GOAL_SCALE_M, GROUPS, NoiseConfig
+from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.observations import GOAL_SCALE_M, NAV_GROUPS, NavNoise
 
 DOF = {name: i for i, name in enumerate(robot.DOF_NAMES)}
 
@@ -45,7 +45,7 @@ def test_groups_and_shapes(nav_env):
     obs = nav_env.get_observations()
     sizes = {"proprio": 31, "goal": 3, "scandots": PoolSpec().num_slots * 32}
     sizes["scandots_all"] = sizes["scandots"]
-    assert tuple(obs.keys()) == GROUPS
+    assert tuple(obs.keys()) == NAV_GROUPS
     for name, size in sizes.items():
         assert obs[name].shape == (8, size) and obs[name].dtype == torch.float32, name
 
@@ -81,7 +81,7 @@ def test_proprio_and_goal(nav_env):
         xy = to_base(at[None, :2] - qpos[world, :2], yaw[world : world + 1])[0]
         np.testing.assert_allclose(parts["end_effector"][world], [*xy, at[2]], atol=1e-5)
 
-    goal = to_base(nav_env.sim.layout.goal.numpy() - qpos[:, :2], yaw)
+    goal = to_base(nav_env.goal.cpu().numpy() - qpos[:, :2], yaw)
     wanted = np.concatenate([goal, np.linalg.norm(goal, axis=1, keepdims=True)], axis=1) / GOAL_SCALE_M
     np.testing.assert_allclose(obs["goal"].cpu().numpy(), wanted, atol=1e-5)
 
@@ -138,15 +138,15 @@ def test_turning_the_head_changes_what_is_seen_and_nothing_else(nav_env):
 
 
 def test_noise_moves_what_it_should(make_nav_env):
-    noise = NoiseConfig(
+    noise = NavNoise(
         joint_position=0.01, joint_velocity=0.02, base_velocity=0.03, goal_m=0.04, scandots_m=0.05
     )
     num_envs = 64
     noisy, clean = make_nav_env(NavConfig(noise=noise), num_envs), make_nav_env(num_envs=num_envs)
-    difference = {name: [] for name in GROUPS}
+    difference = {name: [] for name in NAV_GROUPS}
     for _ in range(8):
         a, b = noisy.get_observations(), clean.get_observations()
-        for name in GROUPS:
+        for name in NAV_GROUPS:
             difference[name].append((a[name] - b[name]).cpu().numpy())
     stacked = {name: np.concatenate(values) for name, values in difference.items()}
     proprio = blocks(torch.tensor(stacked["proprio"]))

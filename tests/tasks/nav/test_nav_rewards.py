@@ -1,17 +1,18 @@
-"""Reward terms, each against a table of cases, and their sum in the environment."""
+"""Reward terms of the navigation task, each against a table of cases, and their sum in the environment."""
 
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
 
-from spin_rl import robot
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.common import episode, rewards
-from spin_rl.tasks.common.config import NavConfig
+from spin_rl.tasks.common import episode
+from spin_rl.tasks.common import rewards as common
+from spin_rl.tasks.nav import rewards
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.spec import NAV
 
 
-def transition(**values) -> rewards.Transition:
+def transition(**values) -> rewards.NavTransition:
     """Two worlds in which nothing happens, but for the given values."""
     quiet = {
         "progress": torch.zeros(2),
@@ -25,22 +26,7 @@ def transition(**values) -> rewards.Transition:
         "last_action": torch.zeros(2, 10),
         "haste": torch.zeros(2),
     }
-    return rewards.Transition(**quiet | values)
-
-
-def qvel(**joints):
-    """Generalized velocities of the second world; the first one rests."""
-    values = torch.zeros(2, 13)
-    for name, value in joints.items():
-        values[1, robot.DOF_NAMES.index(name)] = value
-    return values
-
-
-def second_action(**changes):
-    values = torch.zeros(2, 10)
-    for name, value in changes.items():
-        values[1, robot.ACTIONS.index(name)] = value
-    return values
+    return rewards.NavTransition(**quiet | values)
 
 
 YES_IN_SECOND = torch.tensor([False, True])
@@ -50,23 +36,10 @@ YES_IN_SECOND = torch.tensor([False, True])
     ("term", "values", "wanted"),
     [
         ("progress", {"progress": torch.tensor([0.08, -0.02])}, [0.08, -0.02]),
-        ("success", {"success": YES_IN_SECOND}, [0, 1]),
-        ("collision", {"collision": YES_IN_SECOND}, [0, 1]),
         ("self_contact", {"self_contact": YES_IN_SECOND}, [0, 1]),
-        ("time", {}, [1, 1]),
         ("goal_distance", {"goal_distance": torch.tensor([0.1, 4.0])}, [0.1, 4.0]),
         ("goal_speed", {"goal_speed": torch.tensor([0.5, -0.3])}, [0.5, 0.3]),
-        ("joint_velocity", {"qvel": qvel(arm_outer=0.1, arm_inner=-0.2)}, [0, 0.3]),
-        ("joint_velocity", {"qvel": qvel(head_pan=-2.0, head_tilt=1.0)}, [0, 3.0]),
-        ("joint_velocity", {"qvel": qvel(base_x=1.0, base_yaw=1.0, lift=1.0, wrist_yaw=1.0)}, [0, 0]),
-        ("action_rate", {"action": second_action(base_forward=1.0, lift=-0.5)}, [0, 1.25]),
-        ("action_rate", {"last_action": second_action(head_pan=-1.0)}, [0, 1.0]),
         ("clearance", {"haste": torch.tensor([0.0, 0.4])}, [0, 0.4]),
-        (
-            "action_rate",
-            {"action": second_action(lift=0.4), "last_action": second_action(lift=0.4)},
-            [0, 0],
-        ),
     ],
 )
 def test_term(term, values, wanted):
@@ -74,30 +47,15 @@ def test_term(term, values, wanted):
     assert result.dtype == torch.float32 and result.tolist() == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize(
-    ("scales", "message"),
-    [
-        ({"sucess": 1.0}, "reward.sucess: unknown term; choose from progress, "),
-        ({"success": float("nan")}, "reward.success: the scale must be a finite number"),
-        ({"success": float("-inf")}, "reward.success: the scale must be a finite number"),
-        ({"success": "ten"}, "reward.success: the scale must be a finite number, got 'ten'"),
-        ({"success": None}, "reward.success: the scale must be a finite number, got None"),
-        ({"success": True}, "reward.success: the scale must be a finite number, got True"),
-    ],
-)
-def test_bad_scales_are_named(scales, message):
-    with pytest.raises(ValueError, match="reward") as raised:
-        rewards.check_scales(scales)
-    assert str(raised.value).startswith(message)
-    with pytest.raises(ValueError, match="reward"):
-        NavConfig(reward=scales)
+def test_shared_terms_go_by_their_names():
+    shared = ("success", "collision", "time", "joint_velocity", "action_rate")
+    assert all(rewards.TERMS[name] is getattr(common, name) for name in shared)
 
 
-def test_zero_scales_are_left_out():
-    assert rewards.check_scales({"success": 10, "time": 0.0, "collision": -1.5}) == {
-        "success": 10.0,
-        "collision": -1.5,
-    }
+@pytest.mark.parametrize("term", ["reach", "sucess"])
+def test_terms_of_another_task_and_of_none_are_unknown(term):
+    with pytest.raises(ValueError, match=rf"^reward\.{term}: unknown term; choose from progress, "):
+        NavConfig(reward={term: 1.0})
 
 
 @pytest.mark.parametrize(
@@ -119,7 +77,7 @@ def test_progress_sums_to_the_path_that_was_made(nav_env, scenario):
     views = nav_env.sim.views
 
     def path_left():
-        delta = (views.goal - views.qpos[:, :2]).abs()
+        delta = (nav_env.goal - views.qpos[:, :2]).abs()
         return delta.sum(-1) if scenario == 2 else delta.norm(dim=-1)
 
     drive = views.action.clone()
@@ -146,7 +104,7 @@ def test_reward_is_the_scaled_sum_of_its_terms(make_nav_env):
         _, reward, done, _ = env.step(drive)
         assert not done.any()
         qpos, qvel = env.sim.views.qpos, env.sim.views.qvel
-        to_goal = env.sim.views.goal - qpos[:, :2]
+        to_goal = env.goal - qpos[:, :2]
         distance = to_goal.norm(dim=-1)
         speed = (qvel[:, :2] * to_goal).sum(-1) / distance
         wanted = 2.0 * env.last_transition.progress - 0.5 + 0.25 * distance + 0.5 * speed.abs()

@@ -36,9 +36,8 @@ def end(env, left: Left):
     env.episode_length_buf[:] = left.length
     wp.to_torch(progress.held)[:] = left.held
     wp.to_torch(progress.succeeded)[:] = left.succeeded
-    sim.forward()
     with wp.ScopedDevice(env.device):
-        env._launch_end()
+        env._end_episodes()
     return int(env.outcome[0])
 
 
@@ -81,7 +80,7 @@ def test_outcome(env, left, wanted, ending):
     if ending is not None and env.cfg.end_on_success:
         wanted = ending
     assert end(env, left) == wanted
-    assert env._done.numpy().tolist() == [wanted != episode.RUNNING] * 2
+    assert env._end.done.numpy().tolist() == [wanted != episode.RUNNING] * 2
     ended_by_time = wanted in (episode.TIMEOUT, episode.SUCCESS) and left.length == 69
     by_success = env.cfg.end_on_success and left.held == 9
     assert env._step_views.time_out[0] == (ended_by_time and not by_success)
@@ -100,7 +99,7 @@ def test_what_a_step_says(env):
     env.sim.object.views.pos[:] = env.sim.views.site_pos[:, env.observations._eef]
     env.sim.object.views.pos[1, 2] += 0.05
     with wp.ScopedDevice(env.device):
-        env._launch_end()
+        env._end_episodes()
     step = env._transition(torch.zeros(2, 10))
     assert step.distance.tolist() == pytest.approx([0.0, 0.05], abs=1e-6)
     assert step.inside.tolist() == [True, False]

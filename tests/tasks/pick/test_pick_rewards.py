@@ -9,7 +9,6 @@ from hydra import compose, initialize_config_dir
 
 from spin_rl import robot
 from spin_rl.paths import CONF_DIR
-from spin_rl.tasks.common import rewards
 from spin_rl.tasks.pick import rewards as pick_rewards
 from spin_rl.tasks.pick.config import PickConfig
 
@@ -134,5 +133,3 @@ def test_whole_reward(name, formula):
 def test_terms_of_another_task_are_unknown():
     with pytest.raises(ValueError, match=r"reward\.progress: unknown term; choose from reach, "):
         PickConfig(reward={"progress": 1.0})
-    with pytest.raises(ValueError, match=r"reward\.reach: unknown term"):
-        rewards.check_scales({"reach": 1.0})

@@ -4,9 +4,9 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import vec8
-from spin_rl.scenes.corridors.start_pose import NUM_BASE, disc_touches, robot_disc
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.scenes.footprint import NUM_BASE, pose_touches, vec8
+from spin_rl.tasks.fetch.known import Known
+from spin_rl.warp_kernels.slots import Slots
 
 _BUMPER_M = wp.constant(0.03)
 _BUMPER_S = wp.constant(0.4)
@@ -15,36 +15,19 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _touches(w: int, x: float, y: float, yaw: float, slots: Slots) -> bool:
+def _touches(w: int, x: float, y: float, yaw: float, near: Slots) -> bool:
     """Whether the base at a pose comes nearer to anything than `_BUMPER_M`."""
-    touches = bool(False)
-    joints = vec8()
-    for i in range(NUM_BASE):
-        disc = robot_disc(i, joints)
-        at_x = x + wp.cos(yaw) * disc.centre[0] - wp.sin(yaw) * disc.centre[1]
-        at_y = y + wp.sin(yaw) * disc.centre[0] + wp.cos(yaw) * disc.centre[1]
-        for slot in range(slots.active.shape[1]):
-            if slots.active[w, slot] and disc_touches(
-                disc,
-                at_x,
-                at_y,
-                _BUMPER_M,
-                slots.pos[w, slot],
-                slots.yaw[w, slot],
-                slots.half_size[w, slot],
-                slots.is_cylinder[slot],
-            ):
-                touches = True
-    return touches
+    return pose_touches(w, wp.vec3(x, y, yaw), vec8(), NUM_BASE, _BUMPER_M, near)
 
 
 @wp.func
-def without_bumps(w: int, base: wp.vec3, forward: float, turn: float, slots: Slots) -> wp.vec2:
+def without_bumps(w: int, known: Known, forward: float, turn: float) -> wp.vec2:
     """Base speeds, those set to 0 that would take the base too near to anything."""
+    base = known.base[w]
     x = base[0] + _BUMPER_S * forward * wp.cos(base[2])
     y = base[1] + _BUMPER_S * forward * wp.sin(base[2])
-    if _touches(w, x, y, base[2], slots):
+    if _touches(w, x, y, base[2], known.near):
         forward = 0.0
-    if _touches(w, base[0], base[1], base[2] + _BUMPER_S * turn, slots):
+    if _touches(w, base[0], base[1], base[2] + _BUMPER_S * turn, known.near):
         turn = 0.0
     return wp.vec2(forward, turn)

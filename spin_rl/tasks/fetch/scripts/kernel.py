@@ -7,18 +7,14 @@ Phases are in `fetch_phases.py`; here their commands become actions, at limited 
 
 import warp as wp
 
-from spin_rl import robot
-from spin_rl.scenes.corridors.params import vec8
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.scenes.footprint import vec8
 from spin_rl.sim.targets import action_for, joint_target
+from spin_rl.tasks.fetch.known import Known
 from spin_rl.tasks.fetch.scripts.bumper import without_bumps
 from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, Command
 from spin_rl.tasks.fetch.scripts.phases import SETTLE, align, is_pose, last_phase, place, retract
 from spin_rl.tasks.fetch.state import ALIGN, CARRY, PICK, PLACE, REACH, RETRACT, FetchState
-from spin_rl.tasks.pick.episode import Forces
 
-_LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
-_RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))
 _STILL = wp.constant(0.01)
 """Slower than this the base stands [m/s, rad/s]."""
 _STUCK_STEPS = wp.constant(5)
@@ -26,8 +22,6 @@ _RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
 """How fast targets move [m/s, rad/s]."""
 _CARRY_LIFT_RATE = wp.constant(0.15)
 """How fast the lift moves while the navigation policy drives with an object in the hand [m/s]."""
-_HOLDS_N = wp.constant(2.0)
-"""Fingertips that press with more than this hold something, or stand on it."""
 _GRIP_LEAD = wp.constant(0.14)
 """How far the fingers' target is within where they are [rad]. With both servos at their limit nothing would
 keep the object from wandering sideways between the fingers."""
@@ -44,9 +38,8 @@ class Drive:
     joint_high: wp.array[float]
     base_speed: wp.array[float]
     carry_moves: wp.array[wp.bool]
-    carry_lift: float
+    carry_lift_m: float
     pick_speed: wp.vec2
-    table_slot: int
     period: float
 
 
@@ -69,7 +62,7 @@ def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action:
         elif not drive.carry_moves[joint]:
             action[w, joint + 2] = _action_of(joint, target[w, joint], drive)
     most = _CARRY_LIFT_RATE * drive.period
-    wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift)
+    wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift_m)
     now = target[w, LIFT]
     action[w, LIFT + 2] = _action_of(LIFT, now + wp.clamp(wanted - now, -most, most), drive)
 
@@ -80,29 +73,26 @@ def _is_still(move: wp.vec2) -> bool:
 
 
 @wp.kernel
-def _script_actions(
+def script_actions(
     # Parameters
     drive: Drive,
-    slots: Slots,
     # In
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    target: wp.array2d(dtype=float),
-    forces: Forces,
+    known: Known,
     # In and out
     state: FetchState,
     action: wp.array2d(dtype=float),
 ) -> None:
+    """Replace the actions of scripted stages, one thread per world."""
     w = wp.tid()
     stage = state.stage[w]
     if stage == REACH:
         return
-    base = wp.vec3(qpos[w, 0], qpos[w, 1], qpos[w, 2])
-    grip = 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT]) - _GRIP_LEAD
+    target = known.target
+    grip = known.finger[w] - _GRIP_LEAD
     if stage == PICK:
         # The policy does not see walls.
         speed = wp.cw_mul(drive.pick_speed, wp.vec2(action[w, 0], action[w, 1]))
-        safe = wp.cw_div(without_bumps(w, base, speed[0], speed[1], slots), drive.pick_speed)
+        safe = wp.cw_div(without_bumps(w, known, speed[0], speed[1]), drive.pick_speed)
         action[w, 0] = safe[0]
         action[w, 1] = safe[1]
         return
@@ -114,18 +104,13 @@ def _script_actions(
     for joint in range(target.shape[1]):
         c.joints[joint] = target[w, joint]
     if stage == ALIGN:
-        yaw = slots.yaw[w, drive.table_slot]
-        along = wp.vec2(wp.cos(yaw), wp.sin(yaw))
-        pressed = forces.finger[w, 0] + forces.finger[w, 1] > _HOLDS_N
-        holds = pressed and not forces.support[w]
-        c = align(w, c, base, qvel[w, 2], along, grip, holds, state, drive.period)
+        c = align(w, c, known, grip, state, drive.period)
     elif stage == RETRACT:
-        c = retract(w, c, base, qvel[w, 2], grip, state)
+        c = retract(w, c, known, grip, state)
     elif stage == PLACE:
-        supported = forces.support[w] or forces.table[w] > _HOLDS_N
-        c = place(w, c, base, grip, supported, state, drive.period)
+        c = place(w, c, known, grip, state, drive.period)
 
-    move = without_bumps(w, base, c.forward, c.turn, slots)
+    move = without_bumps(w, known, c.forward, c.turn)
     is_stuck = _is_still(move) and not _is_still(wp.vec2(c.forward, c.turn))
     state.stuck[w] = wp.where(is_stuck, state.stuck[w] + 1, 0)
     if state.stuck[w] >= _STUCK_STEPS:

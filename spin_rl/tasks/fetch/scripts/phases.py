@@ -3,13 +3,15 @@
 """The scripts of a fetch, phase by phase: align, retract and place.
 
 A script is a row of phases; each commands base speeds and joint targets, and ends when they are reached.
-The object's place is known from the last time that the camera saw it.
+All they read is in `Known`, and in their own memory: the object's place as the camera saw it last, among
+others.
 """
 
 import warp as wp
 
 from spin_rl import robot
 from spin_rl.scenes.tabletops.start_pose import lift_of
+from spin_rl.tasks.fetch.known import Known
 from spin_rl.tasks.fetch.scripts.moves import (
     ARM,
     FINGER,
@@ -72,21 +74,18 @@ wp.set_module_options({"enable_backward": False})
 def align(
     w: int,
     c: Command,
-    base: wp.vec3,
-    turning: float,
-    along: wp.vec2,
+    known: Known,
     grip: float,
-    holds: bool,
     state: FetchState,
     period: float,
 ) -> Command:
-    """Find the object, get the hand out of its way, stand before it, turn beside it, and unfold.
-
-    `along` points across the table, away from the robot; `holds` tells that an object hangs in the hand.
-    """
+    """Find the object, get the hand out of its way, stand before it, turn beside it, and unfold."""
+    base = known.base[w]
+    yaw = known.table_yaw[w]
+    along = wp.vec2(wp.cos(yaw), wp.sin(yaw))
     phase = state.phase[w]
     at = state.found[w]
-    if holds and phase == 0:
+    if known.holds[w] and phase == 0:
         # After a pick that was not one: down with it before the fingers open, and then look where it stands.
         state.is_found[w] = False
         c.joints[FINGER] = grip
@@ -118,7 +117,7 @@ def align(
     elif phase == 5:
         off = wrapped(wp.atan2(at[1] - base[1], at[0] - base[0]) - base[2] + 0.5 * wp.pi)
         c.turn = wp.clamp(2.0 * off, -0.8, 0.8)
-        c.done = wp.abs(off) < _TURN_TOLERANCE and wp.abs(turning) < 0.1
+        c.done = wp.abs(off) < _TURN_TOLERANCE and wp.abs(known.turning[w]) < 0.1
     elif phase == 6:
         c.joints[YAW] = 0.0
         c.joints[PITCH] = _PICK_PITCH
@@ -131,8 +130,9 @@ def align(
 
 
 @wp.func
-def retract(w: int, c: Command, base: wp.vec3, turning: float, grip: float, state: FetchState) -> Command:
+def retract(w: int, c: Command, known: Known, grip: float, state: FetchState) -> Command:
     """Lift the object further, arm in, back to the middle of the corridor, and take it over the base."""
+    base = known.base[w]
     phase = state.phase[w]
     stand = state.stand[w]
     c.rate = _CARRY_RATE
@@ -144,7 +144,7 @@ def retract(w: int, c: Command, base: wp.vec3, turning: float, grip: float, stat
     elif phase == 2:
         off = wrapped(stand[2] - base[2])
         c.turn = wp.clamp(2.0 * off, -0.6, 0.6)
-        c.done = wp.abs(off) < 2.0 * _TURN_TOLERANCE and wp.abs(turning) < 0.1
+        c.done = wp.abs(off) < 2.0 * _TURN_TOLERANCE and wp.abs(known.turning[w]) < 0.1
     elif phase == 3:
         # The gripper turns ahead of the robot, which needs more room there than behind.
         ahead = (stand[0] - base[0]) * wp.cos(base[2]) + (stand[1] - base[1]) * wp.sin(base[2]) - _BACK_M
@@ -156,13 +156,9 @@ def retract(w: int, c: Command, base: wp.vec3, turning: float, grip: float, stat
 
 
 @wp.func
-def place(
-    w: int, c: Command, base: wp.vec3, grip: float, supported: bool, state: FetchState, period: float
-) -> Command:
-    """Turn away from the corridor, hold the object ahead of the base, lower it, open, raise the hand.
-
-    `supported` tells that the object, or the hand beside it, is on the floor.
-    """
+def place(w: int, c: Command, known: Known, grip: float, state: FetchState, period: float) -> Command:
+    """Turn away from the corridor, hold the object ahead of the base, lower it, open, raise the hand."""
+    base = known.base[w]
     phase = state.phase[w]
     c.rate = _CARRY_RATE
     c.joints[PAN] = 0.0
@@ -189,8 +185,8 @@ def place(
         c.joints[PITCH] = state.grip[w][0]
         c.joints[ROLL] = state.grip[w][1]
     elif phase == 3:
-        c.done = supported
-        if not supported:
+        c.done = known.supported[w]
+        if not known.supported[w]:
             if c.joints[LIFT] > 0.0:
                 c.joints[LIFT] = wp.max(c.joints[LIFT] - _LOWER_RATE * period, 0.0)
             else:

@@ -1,0 +1,36 @@
+"""What defines the navigation task, with the defaults of the code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.tasks.common.config import CorridorConfig
+from spin_rl.tasks.common.rewards import check_scales
+from spin_rl.tasks.nav.observations import NavNoise
+from spin_rl.tasks.nav.rewards import TERMS
+
+
+@dataclass(frozen=True)
+class NavConfig(CorridorConfig):
+    """Everything that defines the navigation task.
+
+    Attributes:
+        stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
+        clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
+        scene: Parameters of the layout generator.
+        noise: Sensor noise.
+    """
+
+    stop_on_collision: bool = True
+    clearance_m: float = 0.15
+    reward: dict[str, float] = field(
+        default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
+    )
+    scene: GeneratorParams = field(default_factory=GeneratorParams)
+    noise: NavNoise = field(default_factory=NavNoise)
+
+    def __post_init__(self) -> None:
+        """Reject impossible values with the key's name."""
+        super().__post_init__()
+        check_scales(self.reward, TERMS)

@@ -1,0 +1,109 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
+"""Kernels that end and begin navigation episodes on the device."""
+
+import warp as wp
+
+from spin_rl.tasks.common.episode import (
+    COLLISION,
+    NON_FINITE,
+    RUNNING,
+    SUCCESS,
+    TIMEOUT,
+    StepEnd,
+    keep_state,
+    move_level,
+    put_outcome,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class NavRules:
+    """When an episode ends; see `NavConfig`."""
+
+    episode_steps: int
+    goal_tolerance_m: float
+    stop_on_collision: bool
+    level_up: float
+    level_down: float
+
+
+@wp.func
+def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
+    """Path length left to the goal [m]: straight, or along the two legs of an L-shaped corridor.
+
+    The legs lie along the world's axes, so the length along an L is the Manhattan distance: continuous, and
+    shrinking all the way around the corner, where the straight distance would reward driving into the wall.
+    """
+    dx = goal[0] - x
+    dy = goal[1] - y
+    if bend != 0:
+        return wp.abs(dx) + wp.abs(dy)
+    return wp.sqrt(dx * dx + dy * dy)
+
+
+@wp.kernel
+def end_episodes(
+    # In
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    action: wp.array2d(dtype=float),
+    goal: wp.array(dtype=wp.vec2),
+    bend: wp.array(dtype=wp.int32),
+    part_contacts: wp.array2d(dtype=bool),
+    rules: NavRules,
+    # In and out
+    episode_length: wp.array(dtype=wp.int32),
+    distance: wp.array(dtype=float),
+    level: wp.array(dtype=float),
+    # Out
+    progress_out: wp.array(dtype=float),
+    goal_distance_out: wp.array(dtype=float),
+    end: StepEnd,
+) -> None:
+    """Describe the control step just made and end episodes, one thread per world."""
+    w = wp.tid()
+    episode_length[w] = episode_length[w] + 1
+
+    touched = bool(False)
+    for part in range(part_contacts.shape[1]):
+        if part_contacts[w, part]:
+            touched = True
+
+    outcome = RUNNING
+    if not keep_state(w, qpos, qvel, action, end):
+        outcome = NON_FINITE
+        progress_out[w] = 0.0
+        goal_distance_out[w] = distance[w]
+    else:
+        now = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
+        straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
+        progress_out[w] = distance[w] - now
+        goal_distance_out[w] = straight
+        distance[w] = now
+        if touched and rules.stop_on_collision:
+            outcome = COLLISION
+        elif straight < rules.goal_tolerance_m:
+            outcome = SUCCESS
+        elif episode_length[w] >= rules.episode_steps:
+            outcome = TIMEOUT
+    put_outcome(w, outcome, end)
+    move_level(w, outcome, rules.level_up, rules.level_down, level)
+
+
+@wp.kernel
+def begin_episodes(
+    # In
+    mask: wp.array(dtype=bool),
+    qpos: wp.array2d(dtype=float),
+    goal: wp.array(dtype=wp.vec2),
+    bend: wp.array(dtype=wp.int32),
+    # Out
+    distance_out: wp.array(dtype=float),
+) -> None:
+    """Begin the masked worlds' episodes at their start poses, one thread per world."""
+    w = wp.tid()
+    if mask[w]:
+        distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
