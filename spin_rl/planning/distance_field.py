@@ -13,6 +13,7 @@ import warp as wp
 from spin_rl.scenes.layout import Scene
 from spin_rl.warp_kernels.distance_field.field import Field
 from spin_rl.warp_kernels.distance_field.solve import MAX_RINGS, solve_distance_field
+from spin_rl.warp_kernels.distance_field.trace import trace_paths
 from spin_rl.warp_kernels.visibility import Obstacles
 
 BASE_HALF_WIDTH_M = 0.182
@@ -36,8 +37,8 @@ class GridSpec:
     `blocked_m`, 0.22 m with the default cells, never; between, it depends on where the cells lie.
 
     Attributes:
-        nx: Cells along x.
-        ny: Cells along y.
+        nx: Cells along x, with one at either end that is only a frame.
+        ny: Cells along y, likewise.
         cell_m: Side of a cell.
         origin: Lower corner of the grid in the world [m].
     """
@@ -107,6 +108,7 @@ class DistanceField:
         field: What kernels read with `field_at` of `spin_rl.warp_kernels.distance_field.field`. Its
             ``origin`` may be written per world before an update.
         grid: The cells.
+        path_length: Lengths of the ways last traced [m], shape (nworld,); `UNREACHABLE` where there is none.
     """
 
     def __init__(
@@ -141,6 +143,9 @@ class DistanceField:
             self.field.goal = wp.zeros(nworld, dtype=wp.vec2)
             self._kinds = wp.zeros(shape, dtype=wp.int32)
             self._queue = wp.zeros((nworld, grid.ny * grid.nx), dtype=wp.int32)
+            self.path_length = wp.zeros(nworld, dtype=float)
+            self._path = wp.zeros((nworld, 2 * (grid.nx + grid.ny)), dtype=wp.vec2)
+            self._path_points = wp.zeros(nworld, dtype=wp.int32)
 
     def update(self, goal: wp.array, mask: wp.array) -> None:
         """Compute the fields of the masked worlds from the slots where they are now; graph-safe.
@@ -161,3 +166,29 @@ class DistanceField:
             blocked=self.grid.blocked_m,
             rings=self.grid.rings,
         )
+
+    def trace(self, start: wp.array, mask: wp.array) -> None:
+        """Follow the shortest ways of the masked worlds and measure them, after an update; graph-safe.
+
+        Unlike the values, lengths count no extra for being near obstacles.
+
+        Args:
+            start: Base poses (x [m], y [m], yaw [rad]), shape (nworld,), vec3.
+            mask: Worlds to follow, shape (nworld,), bool.
+        """
+        trace_paths(
+            self.field,
+            start,
+            mask,
+            length_out=self.path_length,
+            points_out=self._path,
+            count_out=self._path_points,
+        )
+
+    def path(self, world: int) -> np.ndarray:
+        """Copy the way last traced in a world to the host, for drawings.
+
+        Returns:
+            Points from start to goal [m], about a cell apart, shape (n, 2); none where there is no way.
+        """
+        return self._path.numpy()[world, : self._path_points.numpy()[world]]
