@@ -52,8 +52,8 @@ class GridSpec:
         """Reject grids that cannot be solved."""
         if min(self.nx, self.ny) < 4:
             raise ValueError(f"a grid needs 4 cells along each axis, got nx {self.nx} and ny {self.ny}")
-        if not (self.cell_m > 0.0 and self.rings <= MAX_RINGS):
-            raise ValueError(f"cell_m must be at least 0.02, got {self.cell_m}")
+        if not self.cell_m > 0.0:
+            raise ValueError(f"cell_m must be positive, got {self.cell_m}")
 
     @property
     def blocked_m(self) -> float:
@@ -63,11 +63,6 @@ class GridSpec:
         the cells lie; half a cell keeps thin walls closed.
         """
         return max(BASE_HALF_WIDTH_M - math.sqrt(0.5) * self.cell_m, 0.5 * self.cell_m)
-
-    @property
-    def rings(self) -> int:
-        """Cells from passable ones to an obstacle's surface, at most."""
-        return math.ceil(math.sqrt(2.0) * self.blocked_m / self.cell_m) + 1
 
     @staticmethod
     def square(size_m: float, cell_m: float = 0.1) -> GridSpec:
@@ -87,8 +82,8 @@ class GridSpec:
         points = np.concatenate(corners)
         low, high = points.min(axis=0) - _ROOM_M, points.max(axis=0) + _ROOM_M
         cell = max(cell_m, math.sqrt(float(np.prod(high - low)) / max_cells))
-        nx, ny = np.ceil((high - low) / cell).astype(int)
-        return GridSpec(int(nx), int(ny), cell, (float(low[0]), float(low[1])))
+        nx, ny = np.ceil((high - low) / cell).astype(int) + 2  # with the frame
+        return GridSpec(int(nx), int(ny), cell, (float(low[0] - cell), float(low[1] - cell)))
 
 
 class Slots(Protocol):
@@ -112,7 +107,13 @@ class DistanceField:
     """
 
     def __init__(
-        self, slots: Slots, device: str, grid: GridSpec | None = None, *, clearance_m: float = CLEARANCE_M
+        self,
+        slots: Slots,
+        device: str,
+        grid: GridSpec | None = None,
+        *,
+        clearance_m: float = CLEARANCE_M,
+        blocked_m: float | None = None,
     ) -> None:
         """Allocate the buffers and keep references to the arrays that `update` reads.
 
@@ -120,16 +121,25 @@ class DistanceField:
             slots: Obstacles, shape (nworld, nslot).
             device: Warp device.
             grid: The cells; by default 12 x 12 m around the world's origin in cells of 0.1 m.
-            clearance_m: Distance to obstacles from which a way costs no more than its length, at least the
-                grid's `blocked_m`.
+            clearance_m: Distance to obstacles from which a way costs no more than its length.
+            blocked_m: Distance below which no way leads through; the grid's `blocked_m` if None, with which
+                nothing that the robot can reach counts as unreachable. The converse takes 0.35 m, in which
+                it can also turn.
 
         Raises:
-            ValueError: The clearance is less than that.
+            ValueError: `blocked_m` is less than the grid's, more than `clearance_m`, or too many cells.
         """
         self.grid = grid = grid or GridSpec()
-        if clearance_m < grid.blocked_m:
-            raise ValueError(f"clearance_m must be at least {grid.blocked_m:.3f}, got {clearance_m}")
-        self._clearance = clearance_m
+        blocked = grid.blocked_m if blocked_m is None else blocked_m
+        if not grid.blocked_m <= blocked <= clearance_m:
+            raise ValueError(
+                f"blocked_m must be in [{grid.blocked_m:.3f}, clearance_m = {clearance_m}], got {blocked}"
+            )
+        # Cells from passable ones to an obstacle's surface, at most.
+        self._rings = math.ceil(math.sqrt(2.0) * blocked / grid.cell_m) + 1
+        if self._rings > MAX_RINGS:
+            raise ValueError(f"cell_m must be at least {0.11 * blocked:.3f}, got {grid.cell_m}")
+        self._clearance, self._blocked = clearance_m, blocked
         self._obstacles = Obstacles()
         for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
             setattr(self._obstacles, name, getattr(slots, name))
@@ -163,8 +173,8 @@ class DistanceField:
             queue=self._queue,
             ceiling=CEILING_M,
             clearance=self._clearance,
-            blocked=self.grid.blocked_m,
-            rings=self.grid.rings,
+            blocked=self._blocked,
+            rings=self._rings,
         )
 
     def trace(self, start: wp.array, mask: wp.array) -> None:

@@ -1,4 +1,4 @@
-# pyright: reportGeneralTypeIssues=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
 # (a Warp struct is an object, not a class, to a type checker)
 """What the cells of a distance field are, and the values around the goal, from which the others spread."""
 

@@ -46,10 +46,8 @@ def field_at(field: Field, world: int, x: float, y: float) -> float:
     last = cell_centre(field, world, columns - 2, rows - 2)
     inside = wp.vec2(wp.clamp(x, first[0], last[0]), wp.clamp(y, first[1], last[1]))
     offset = (inside - first) / field.cell
-    if not wp.isfinite(offset[0] + offset[1]):
-        return UNREACHABLE
-    column = 1 + wp.min(int(offset[0]), columns - 4)
-    row = 1 + wp.min(int(offset[1]), rows - 4)
+    column = 1 + wp.clamp(int(offset[0]), 0, columns - 4)
+    row = 1 + wp.clamp(int(offset[1]), 0, rows - 4)
     across = offset[0] - float(column - 1)
     up = offset[1] - float(row - 1)
     detour = float(0.0)

@@ -1,4 +1,4 @@
-# pyright: reportGeneralTypeIssues=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
 # (a Warp struct is an object, not a class, to a type checker)
 """Values of a distance field, spread from the goal.
 
