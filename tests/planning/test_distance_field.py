@@ -204,7 +204,7 @@ def test_agrees_with_the_lattice_planner_on_random_rooms(device):
     scenes = [scattered(seed, count=38 - 2 * seed) for seed in range(10)]
     planned = np.array([find_path(scene) is not None for scene in scenes])
     is_open = reachable(scenes, device, ROOM)
-    is_wide = reachable(scenes, device, ROOM, clearance_m=0.35, blocked_m=0.35)
+    is_wide = reachable(scenes, device, ROOM, blocked_m=0.35)
     assert not (planned & ~is_open).any() and not (is_wide & ~planned).any()
     assert planned.any() and not is_open.all() and is_wide.any()
 
@@ -237,7 +237,6 @@ def test_a_grid_around_scenes_holds_them_in_bounded_cells():
         (lambda: GridSpec(nx=3), "nx 3"),
         (lambda: GridSpec(cell_m=0.0), "cell_m"),
         (lambda: DistanceField(LAYOUT, "cpu", GridSpec(cell_m=0.01)), "cell_m must be at least"),
-        (lambda: DistanceField(LAYOUT, "cpu", clearance_m=0.1), "clearance_m = 0.1"),
         (lambda: DistanceField(LAYOUT, "cpu", blocked_m=0.1), "blocked_m"),
     ],
 )

@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker)
+# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
 """What the cells of a distance field are, and the values around the goal, from which the others spread."""
 
 import warp as wp

@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker)
+# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
 """Values of a distance field, spread from the goal.
 
 The value T solves the eikonal equation |grad T| = slowness with first-order upwind differences (Rouy and
