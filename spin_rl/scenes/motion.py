@@ -73,7 +73,7 @@ def draw_motion(
             layout.bend,
             layout.num_obstacles,
         ],
-        outputs=[_track(layout)],
+        outputs=[track_of(layout)],
         device=layout.device,
     )
 
@@ -88,7 +88,7 @@ def restart_motion(layout: Layout, mask: wp.array) -> None:
     wp.launch(
         _restart_motion,
         dim=(layout.nworld, layout.pool.num_slots),
-        inputs=[mask, _track(layout)],
+        inputs=[mask, track_of(layout)],
         outputs=[layout.pos],
         device=layout.device,
     )
@@ -107,13 +107,14 @@ def move_slots(layout: Layout, qpos: wp.array, dt: float, geom_ids: wp.array, ge
     wp.launch(
         _move_slots,
         dim=(layout.nworld, layout.pool.num_slots),
-        inputs=[qpos, geom_ids, layout.active, dt, _track(layout)],
+        inputs=[qpos, geom_ids, layout.active, dt, track_of(layout)],
         outputs=[layout.pos, geom_xpos],
         device=layout.device,
     )
 
 
-def _track(layout: Layout) -> Track:
+def track_of(layout: Layout) -> Track:
+    """The arrays of a layout that say how its slots move."""
     track = Track()
     for name, array in (
         ("home", layout.home),

@@ -1,0 +1,88 @@
+"""Scenes of families, ways to the goal by SciPy, and NumPy views of them, shared by the tests of families."""
+
+import numpy as np
+import warp as wp
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from spin_rl.scenes.kinds import FAMILIES
+from spin_rl.scenes.layout import Layout, Scene
+from spin_rl.scenes.rooms.generator import build_scenes, place_starts
+from spin_rl.scenes.rooms.params import HALF_SQUARE_M, FamilyParams, Shares
+
+CELL_M = 0.1
+UNREACHABLE_M = 1.0e6
+ROBOT_RADIUS_M = 0.3
+CENTRES = -HALF_SQUARE_M + CELL_M * (np.arange(round(2 * HALF_SQUARE_M / CELL_M)) + 0.5)
+
+
+def only(family: str, **parameters) -> FamilyParams:
+    """Parameters that draw one family alone."""
+    return FamilyParams(shares=Shares(**{name: float(name == family) for name in FAMILIES}), **parameters)
+
+
+def inputs(nworld, device, *, seed=0, mask=None):
+    """Arguments of build_scenes and place_starts."""
+    mask = np.ones(nworld, dtype=bool) if mask is None else mask
+    return {
+        "seed": wp.array([seed], dtype=wp.int32, device=device),
+        "counter": wp.zeros(nworld, dtype=wp.int32, device=device),
+        "mask": wp.array(mask, dtype=bool, device=device),
+    }
+
+
+def distances(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Distance on the floor from points to the nearest thing that is lower than 1.45 m [m]."""
+    nearest = np.full(np.broadcast_shapes(x.shape, y.shape), np.inf)
+    for slot in np.flatnonzero(scene.active):
+        if scene.pos[slot, 2] - scene.half_size[slot, 2] > 1.45:
+            continue
+        dx, dy = x - scene.pos[slot, 0], y - scene.pos[slot, 1]
+        if scene.is_cylinder[slot]:
+            nearest = np.minimum(nearest, np.hypot(dx, dy) - scene.half_size[slot, 0])
+            continue
+        c, s = np.cos(scene.yaw[slot]), np.sin(scene.yaw[slot])
+        along = np.abs(c * dx + s * dy) - scene.half_size[slot, 0]
+        across = np.abs(c * dy - s * dx) - scene.half_size[slot, 1]
+        nearest = np.minimum(nearest, np.hypot(np.maximum(along, 0), np.maximum(across, 0)))
+    return nearest
+
+
+def ways(scene: Scene) -> np.ndarray:
+    """Length of the way from every cell to the goal for a round robot [m], shape (ny, nx)."""
+    free = distances(scene, CENTRES[None, :], CENTRES[:, None]) > ROBOT_RADIUS_M
+    nodes = np.arange(free.size).reshape(free.shape)
+    rows, columns, lengths = [], [], []
+    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        a = (slice(max(0, -dy), len(free) - max(0, dy)), slice(0, len(free) - dx))
+        b = (slice(max(0, dy), len(free) + min(0, dy)), slice(dx, len(free)))
+        keep = free[a] & free[b]
+        rows.append(nodes[a][keep])
+        columns.append(nodes[b][keep])
+        lengths.append(np.full(keep.sum(), CELL_M * np.hypot(dx, dy)))
+    graph = coo_matrix((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))))
+    graph.resize(free.size, free.size)
+    offset = np.hypot(CENTRES[None, :] - scene.goal[0], CENTRES[:, None] - scene.goal[1])
+    goal = int(np.argmin(np.where(free, offset, np.inf)))
+    far = dijkstra(graph.tocsr(), directed=False, indices=goal).reshape(free.shape)
+    return np.where(np.isfinite(far), far, UNREACHABLE_M)
+
+
+def generate(nworld, device, params, *, seed=0, mask=None, layout=None, counter=None) -> Layout:
+    """New scenes with starts."""
+    layout = layout or Layout(nworld, params.pool, device)
+    arguments = inputs(nworld, device, seed=seed, mask=mask)
+    if counter is not None:
+        arguments["counter"] = counter
+    build_scenes(layout, params, **arguments)
+    distance = np.stack([ways(scene) for scene in layout.scenes()]).astype(np.float32)
+    place_starts(
+        layout,
+        params,
+        distance=wp.array(distance, dtype=float, device=device),
+        origin=(CENTRES[0], CENTRES[0]),
+        cell=CELL_M,
+        unreachable=UNREACHABLE_M,
+        **arguments,
+    )
+    return layout
