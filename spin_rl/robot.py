@@ -77,6 +77,7 @@ JOINT_UPPER = (1.1, 0.52, 4.0, 0.56, 3.14, 0.6, 1.5, 0.79)
 WHEEL_SEPARATION_M = 0.3407
 
 GRASP_CENTER_SITE = "link_grasp_center"
+CAMERA_SITE = "camera_depth_optical_frame"
 """Site between the fingertips; its x axis points out of the gripper, towards what it reaches for."""
 
 STOWED: Mapping[str, float] = MappingProxyType(

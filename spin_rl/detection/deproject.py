@@ -20,7 +20,6 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.detection.interface import Detection
 
-CAMERA_SITE = "camera_depth_optical_frame"
 CENTRAL_SHARE = 0.5
 """Part of a box's height and width that its depth is read from: its corners show what is behind."""
 
@@ -158,7 +157,7 @@ class CameraKinematics:
         }
         self._data.qpos[:] = robot.qpos_from_joints(self._model, clipped)
         mujoco.mj_kinematics(self._model, self._data)
-        site = self._data.site(CAMERA_SITE)
+        site = self._data.site(robot.CAMERA_SITE)
         # The base stands at the world's origin.
         return CameraPose(site.xpos.copy(), site.xmat.reshape(3, 3).copy())
 

@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (to a type checker, wp.tid() has any number of values)
+# (to a type checker, a Warp struct is an object, not a class, and wp.tid() has any number of values)
 """Scene geoms in MuJoCo: the fixed pool of the batched model, and ordinary models of one world."""
 
 import math
@@ -11,6 +11,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.scenes.objects.shapes import SceneObject, add_native_object
+from spin_rl.warp_kernels.slots import Slots, slots_of
 
 PARKED_Z_M = -50.0
 """Height of the geoms of inactive slots, far below everything that could touch them."""
@@ -97,11 +98,7 @@ def write_geoms(
         _write_geoms,
         dim=(layout.nworld, layout.pool.num_slots),
         inputs=[
-            layout.pos,
-            layout.yaw,
-            layout.half_size,
-            layout.active,
-            layout.is_cylinder,
+            slots_of(layout),
             geom_ids,
             mask,
         ],
@@ -112,13 +109,8 @@ def write_geoms(
 
 @wp.kernel
 def _write_geoms(
-    # Layout
-    pos: wp.array2d(dtype=wp.vec3),
-    yaw: wp.array2d(dtype=float),
-    half_size: wp.array2d(dtype=wp.vec3),
-    active: wp.array2d(dtype=bool),
-    is_cylinder: wp.array(dtype=bool),
     # In
+    slots: Slots,
     geom_ids: wp.array(dtype=wp.int32),
     mask: wp.array(dtype=bool),
     # Out
@@ -132,15 +124,15 @@ def _write_geoms(
     if not mask[world]:
         return
     geom = geom_ids[slot]
-    if not active[world, slot]:
+    if not slots.active[world, slot]:
         geom_xpos_out[world, geom] = wp.vec3(0.0, 0.0, float(wp.static(PARKED_Z_M)))
         return
-    half = half_size[world, slot]
-    c = wp.cos(yaw[world, slot])
-    s = wp.sin(yaw[world, slot])
-    geom_xpos_out[world, geom] = pos[world, slot]
+    half = slots.half_size[world, slot]
+    c = wp.cos(slots.yaw[world, slot])
+    s = wp.sin(slots.yaw[world, slot])
+    geom_xpos_out[world, geom] = slots.pos[world, slot]
     geom_xmat_out[world, geom] = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-    if is_cylinder[slot]:
+    if slots.is_cylinder[slot]:
         # MuJoCo's cylinder size is (radius, half height).
         geom_size_out[world, geom] = wp.vec3(half[0], half[2], 0.0)
         geom_rbound_out[world, geom] = wp.sqrt(half[0] * half[0] + half[2] * half[2])

@@ -10,14 +10,15 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from spin_rl.sensors.interface import Sensor
 from spin_rl.warp_kernels.clearance import Motion, Shapes, measure_clearance
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import slots_of
 
 if TYPE_CHECKING:
     from spin_rl.sim import Simulation
 
 
-class Clearance:
+class Clearance(Sensor):
     """Distance to the nearest wall or obstacle, and the squared speed of what is near.
 
     Attributes:
@@ -44,9 +45,7 @@ class Clearance:
         for name in ("geom_xpos", "geom_xmat", "cvel", "subtree_com"):
             setattr(self._motion, name, getattr(sim.data, name))
         self._motion.root = int(sim.mj_model.body("base").id)
-        self._obstacles = Obstacles()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._obstacles, name, getattr(sim.layout, name))
+        self._obstacles = slots_of(sim.layout)
         self.clearance = wp.full(sim.nworld, limit, dtype=float, device=device)
         self.haste = wp.zeros(sim.nworld, dtype=float, device=device)
 

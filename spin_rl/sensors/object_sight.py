@@ -5,7 +5,9 @@
 import warp as wp
 
 from spin_rl.scenes.layout import Layout
-from spin_rl.warp_kernels.visibility import Box, Camera, Obstacles, Points, in_frustum, remove_hidden
+from spin_rl.sensors.interface import Sensor
+from spin_rl.warp_kernels.slots import Slots, slots_of
+from spin_rl.warp_kernels.visibility import Box, Camera, Points, in_frustum, remove_hidden
 
 wp.set_module_options({"enable_backward": False})
 
@@ -13,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def _see_objects(
     # In
-    obstacles: Obstacles,
+    obstacles: Slots,
     qpos: wp.array2d(dtype=float),
     first: int,
     site_xpos: wp.array2d(dtype=wp.vec3),
@@ -48,7 +50,7 @@ def _see_objects(
     seen_out[w] = seen != 0
 
 
-class ObjectSight:
+class ObjectSight(Sensor):
     """Owns the flag of every world and refreshes it with one kernel launch.
 
     An object is seen if its centre is in the camera's frustum, within its range, and no obstacle slot (the
@@ -87,11 +89,8 @@ class ObjectSight:
             occlusion: Whether obstacles hide the object.
         """
         self.seen = wp.zeros(layout.nworld, dtype=bool, device=layout.device)
-        obstacles = Obstacles()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(obstacles, name, getattr(layout, name))
         self._inputs = [
-            obstacles,
+            slots_of(layout),
             qpos,
             object_column,
             site_xpos,

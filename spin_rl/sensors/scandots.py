@@ -6,22 +6,19 @@ from typing import Protocol
 
 import warp as wp
 
+from spin_rl.sensors.interface import Sensor
 from spin_rl.warp_kernels.scandots import scandot_tokens
+from spin_rl.warp_kernels.slots import SlotArrays, slots_of
 from spin_rl.warp_kernels.tokens import TOKEN_SIZE
 
 
-class Obstacles(Protocol):
-    """Arrays that describe the obstacle slots of all worlds, as in ``spin_rl.scenes``."""
+class Obstacles(SlotArrays, Protocol):
+    """The slots of all worlds, as in ``spin_rl.scenes``, and which of them are walls, shape (nslot,)."""
 
-    pos: wp.array
-    yaw: wp.array
-    half_size: wp.array
-    active: wp.array
-    is_cylinder: wp.array
     is_wall: wp.array
 
 
-class Scandots:
+class Scandots(Sensor):
     """Owns the two token buffers and refreshes them with one kernel launch.
 
     Tokens, their corner order, and what counts as seen are defined in ``spin_rl.warp_kernels.scandots``
@@ -74,7 +71,8 @@ class Scandots:
                 f"obstacles have {nworld} worlds, but qpos {qpos.shape[0]}, site_xpos {site_xpos.shape[0]} "
                 f"and site_xmat {site_xmat.shape[0]}"
             )
-        self._obstacles = obstacles
+        self._obstacles = slots_of(obstacles)
+        self._is_wall = obstacles.is_wall
         self._qpos = qpos
         self._site_xpos = site_xpos
         self._site_xmat = site_xmat
@@ -89,14 +87,9 @@ class Scandots:
 
     def update(self) -> None:
         """Recompute both buffers from the current poses; graph-safe, and call it after the kinematics."""
-        obstacles = self._obstacles
         scandot_tokens(
-            obstacles.pos,
-            obstacles.yaw,
-            obstacles.half_size,
-            obstacles.active,
-            obstacles.is_cylinder,
-            obstacles.is_wall,
+            self._obstacles,
+            self._is_wall,
             self._qpos,
             self._site_xpos,
             self._site_xmat,

@@ -99,8 +99,7 @@ def corridor_worlds(env: NavEnv) -> DepthWorlds:
         d.qpos[:] = qpos
         mujoco.mj_kinematics(m, d)
         natives.append((m, d))
-    site, camera = "camera_depth_optical_frame", "depth_camera"
-    return DepthWorlds(sim.mj_model, sim.model, sim.data, natives, site, camera)
+    return DepthWorlds(sim.mj_model, sim.model, sim.data, natives, robot.CAMERA_SITE, "depth_camera")
 
 
 def measure_depth(

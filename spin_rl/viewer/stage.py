@@ -20,7 +20,6 @@ VISUAL_GROUP = 2
 VIEW = "follow"
 """Name of the camera that follows the robot; `Stage.place_view` moves it."""
 
-_CAMERA_SITE = "camera_depth_optical_frame"
 _LOW_WALL_M = 0.22
 _GOAL_Z_M = 0.004  # of the goal marker's centre: it lies on the floor
 _UNUSED_M = 1.0e-4  # size of the object's geoms that have no part in its shape
@@ -123,7 +122,7 @@ class Stage:
 
     def depth_camera(self) -> DepthCamera:
         """The robot's depth camera at the present pose."""
-        site = self.data.site(_CAMERA_SITE)
+        site = self.data.site(robot.CAMERA_SITE)
         return DepthCamera(site.xpos.copy(), site.xmat.reshape(3, 3).copy(), self._tan_half_fov)
 
     def depth_image(self, height: int) -> np.ndarray:

@@ -5,7 +5,7 @@
 import warp as wp
 
 from spin_rl.warp_kernels.geometry import rotate_yaw_inverse
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import Slots
 
 _HALVINGS = 10
 """Steps of the search along a segment: its nearest point is found to a 2048th of the segment."""
@@ -172,7 +172,7 @@ def _measure_shape(
 def _measure_clearance(
     shapes: Shapes,
     motion: Motion,
-    obstacles: Obstacles,
+    obstacles: Slots,
     limit: float,
     # Out
     clearance_out: wp.array[float],
@@ -202,7 +202,7 @@ def _measure_clearance(
 def measure_clearance(
     shapes: Shapes,
     motion: Motion,
-    obstacles: Obstacles,
+    obstacles: Slots,
     *,
     limit: float,
     clearance_out: wp.array,

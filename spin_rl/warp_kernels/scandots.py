@@ -28,11 +28,11 @@ A long box that is not marked as a wall and crosses the window without a corner 
 import warp as wp
 
 from spin_rl.warp_kernels.geometry import MISS, clip_slab, rotate_yaw, rotate_yaw_inverse
+from spin_rl.warp_kernels.slots import Slots
 from spin_rl.warp_kernels.tokens import Base, clear_token, nearest_corner, to_base, token_corner, write_token
 from spin_rl.warp_kernels.visibility import (
     Box,
     Camera,
-    Obstacles,
     Points,
     clip_to_frustum,
     in_frustum,
@@ -54,7 +54,7 @@ def _write_box(
     base: Base,
     camera: Camera,
     box: Box,
-    obstacles: Obstacles,
+    obstacles: Slots,
     occlusion: bool,
     all_out: wp.array3d[float],
     visible_out: wp.array3d[float],
@@ -125,7 +125,7 @@ def _write_wall(
     base: Base,
     camera: Camera,
     wall: Box,
-    obstacles: Obstacles,
+    obstacles: Slots,
     occlusion: bool,
     all_out: wp.array3d[float],
     visible_out: wp.array3d[float],
@@ -176,11 +176,7 @@ def _write_wall(
 
 @wp.kernel
 def _write_scandots(
-    pos: wp.array2d[wp.vec3],
-    yaw: wp.array2d[float],
-    half_size: wp.array2d[wp.vec3],
-    active: wp.array2d[wp.bool],
-    is_cylinder: wp.array[wp.bool],
+    obstacles: Slots,
     is_wall: wp.array[wp.bool],
     qpos: wp.array2d[float],
     site_xpos: wp.array2d[wp.vec3],
@@ -195,8 +191,8 @@ def _write_scandots(
 ):
     world, slot = wp.tid()
     box = Box()
-    box.pos = pos[world, slot]
-    box.half_size = half_size[world, slot]
+    box.pos = obstacles.pos[world, slot]
+    box.half_size = obstacles.half_size[world, slot]
     base = Base()
     base.pos = wp.vec3(qpos[world, 0], qpos[world, 1], 0.0)
     base.window = window
@@ -205,26 +201,20 @@ def _write_scandots(
     clearance = wp.length(wp.vec2(offset[0], offset[1])) - wp.length(
         wp.vec2(box.half_size[0], box.half_size[1])
     )
-    if not active[world, slot] or clearance > 1.4143 * window:
+    if not obstacles.active[world, slot] or clearance > 1.4143 * window:
         clear_token(world, slot, all_out)
         clear_token(world, slot, visible_out)
         return
 
     base.cos_yaw = wp.cos(qpos[world, 2])
     base.sin_yaw = wp.sin(qpos[world, 2])
-    box.cos_yaw = wp.cos(yaw[world, slot])
-    box.sin_yaw = wp.sin(yaw[world, slot])
+    box.cos_yaw = wp.cos(obstacles.yaw[world, slot])
+    box.sin_yaw = wp.sin(obstacles.yaw[world, slot])
     camera = Camera()
     camera.pos = site_xpos[world, camera_site]
     camera.to_cam = wp.transpose(site_xmat[world, camera_site])
     camera.tan_half_fov = tan_half_fov
     camera.near = near
-    obstacles = Obstacles()
-    obstacles.pos = pos
-    obstacles.yaw = yaw
-    obstacles.half_size = half_size
-    obstacles.active = active
-    obstacles.is_cylinder = is_cylinder
     if is_wall[slot]:
         wall = _long_side_first(box)
         _write_wall(world, slot, base, camera, wall, obstacles, occlusion, all_out, visible_out)
@@ -233,11 +223,7 @@ def _write_scandots(
 
 
 def scandot_tokens(
-    pos: wp.array,
-    yaw: wp.array,
-    half_size: wp.array,
-    active: wp.array,
-    is_cylinder: wp.array,
+    obstacles: Slots,
     is_wall: wp.array,
     qpos: wp.array,
     site_xpos: wp.array,
@@ -256,11 +242,7 @@ def scandot_tokens(
     The rules are in the module's docstring. Graph-safe; the five options freeze at capture.
 
     Args:
-        pos: Centre of each slot in the world [m], shape (nworld, nslot), vec3.
-        yaw: Yaw of each slot [rad], shape (nworld, nslot), float.
-        half_size: Half extents [m]; (r, r, half height) for cylinders, shape (nworld, nslot), vec3.
-        active: Whether a slot is in use, shape (nworld, nslot), bool; others give zeros and hide nothing.
-        is_cylinder: Kind of a slot, shape (nslot,), bool; others are boxes.
+        obstacles: Walls and obstacles; slots that are not active give zeros and hide nothing.
         is_wall: Whether a slot is a wall, shape (nslot,), bool.
         qpos: Joint positions, shape (nworld, nq); columns 0 to 2 are the base's x, y [m] and yaw [rad].
         site_xpos: Site positions in the world [m], shape (nworld, nsite), vec3.
@@ -275,13 +257,9 @@ def scandot_tokens(
     """
     wp.launch(
         _write_scandots,
-        dim=pos.shape,
+        dim=obstacles.pos.shape,
         inputs=[
-            pos,
-            yaw,
-            half_size,
-            active,
-            is_cylinder,
+            obstacles,
             is_wall,
             qpos,
             site_xpos,
@@ -293,5 +271,5 @@ def scandot_tokens(
             occlusion,
         ],
         outputs=[all_out, visible_out],
-        device=pos.device,
+        device=obstacles.pos.device,
     )

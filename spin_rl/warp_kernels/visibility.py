@@ -5,6 +5,7 @@
 import warp as wp
 
 from spin_rl.warp_kernels.geometry import clip_interval, ray_box, ray_cylinder, rotate_yaw_inverse
+from spin_rl.warp_kernels.slots import Slots
 
 SIGHT_MARGIN_M = wp.constant(0.015)
 """Rays stop this far before their target, so that the target's own surface does not hide it."""
@@ -16,17 +17,6 @@ Points = wp.types.matrix(shape=(MAX_POINTS, 3), dtype=float)
 """World positions [m], one a row."""
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.struct
-class Obstacles:
-    """The obstacle slots of all worlds; shapes and units as in ``scandot_tokens``."""
-
-    pos: wp.array2d[wp.vec3]
-    yaw: wp.array2d[float]
-    half_size: wp.array2d[wp.vec3]
-    active: wp.array2d[wp.bool]
-    is_cylinder: wp.array[wp.bool]
 
 
 @wp.struct
@@ -84,7 +74,7 @@ def remove_hidden(
     candidates: int,
     camera: Camera,
     target: Box,
-    obstacles: Obstacles,
+    obstacles: Slots,
     world: int,
 ) -> int:
     """Clear the bits of those candidate points that the camera cannot see behind some active slot.

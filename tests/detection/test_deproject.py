@@ -6,7 +6,6 @@ import pytest
 
 from spin_rl import robot
 from spin_rl.detection.deproject import (
-    CAMERA_SITE,
     CameraKinematics,
     CameraPose,
     Intrinsics,
@@ -76,7 +75,7 @@ def test_camera_pose_is_that_of_the_robots_site():
     d.qpos[:] = robot.qpos_from_joints(m, joints)
     d.qpos[:3] = 1.0, -2.0, 0.8
     mujoco.mj_kinematics(m, d)
-    base, site = d.body("base"), d.site(CAMERA_SITE)
+    base, site = d.body("base"), d.site(robot.CAMERA_SITE)
     turn = base.xmat.reshape(3, 3)
     pose = CameraKinematics()(joints)
     np.testing.assert_allclose(pose.pos, turn.T @ (site.xpos - base.xpos), atol=1e-12)

@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.detection.deproject import CAMERA_SITE, CameraKinematics, Intrinsics, locate
+from spin_rl.detection.deproject import CameraKinematics, Intrinsics, locate
 from spin_rl.detection.interface import Detection
 from spin_rl.detection.segmentation import SegmentationDetector
 from spin_rl.scenes.builder import native_model
@@ -55,7 +55,8 @@ def seen(request, device):
     with wp.ScopedDevice(device):
         sim.reset(wp.full(sim.nworld, True, dtype=bool))
         sim.forward()
-        camera = DepthCamera(m, sim.model, sim.data, camera_site=m.site(CAMERA_SITE).id, tan_half_fov=tan)
+        site = m.site(robot.CAMERA_SITE).id
+        camera = DepthCamera(m, sim.model, sim.data, camera_site=site, tan_half_fov=tan)
         camera.update()
         detector = SegmentationDetector(
             camera, sim.data, base_body=m.body("base").id, geoms=[m.geom("cylinder_0").id]
@@ -76,7 +77,7 @@ def test_pixels_and_point_as_c_mujoco_has_them(seen):
         d.qpos[:] = robot.qpos_from_joints(m, dict(zip(robot.JOINTS, some.start_joints, strict=True)))
         d.qpos[:3] = some.start
         mujoco.mj_kinematics(m, d)
-        site, base = d.site(CAMERA_SITE), d.body("base")
+        site, base = d.site(robot.CAMERA_SITE), d.body("base")
         mat = site.xmat.reshape(3, 3)
         geom, distance = np.full(len(rays), -1, dtype=np.int32), np.zeros(len(rays))
         groups, body = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8), m.site_bodyid[site.id]

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from spin_rl.warp_kernels.scandots import scandot_tokens
+from spin_rl.warp_kernels.slots import Slots
 
 WINDOW_M = 2.0
 NEAR_M = 0.1
@@ -121,12 +122,14 @@ class DeviceScene:
         frames = np.tile(np.eye(3), (num_worlds, 3, 1, 1))
         frames[:, 1] = s.cam_mat
         self.base = wp.array(qpos, dtype=float, device=device)
+        slots = Slots()
+        slots.pos = wp.array(s.pos, dtype=wp.vec3, device=device)
+        slots.yaw = wp.array(s.yaw, dtype=float, device=device)
+        slots.half_size = wp.array(s.half_size, dtype=wp.vec3, device=device)
+        slots.active = wp.array(s.active, dtype=wp.bool, device=device)
+        slots.is_cylinder = wp.array(s.kind == CYLINDER, dtype=wp.bool, device=device)
         self.arrays = [
-            wp.array(s.pos, dtype=wp.vec3, device=device),
-            wp.array(s.yaw, dtype=float, device=device),
-            wp.array(s.half_size, dtype=wp.vec3, device=device),
-            wp.array(s.active, dtype=wp.bool, device=device),
-            wp.array(s.kind == CYLINDER, dtype=wp.bool, device=device),
+            slots,
             wp.array(s.kind == WALL, dtype=wp.bool, device=device),
             self.base,
             wp.array(sites, dtype=wp.vec3, device=device),

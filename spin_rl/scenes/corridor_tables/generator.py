@@ -10,12 +10,12 @@ import warp as wp
 
 from spin_rl.scenes.corridor_tables.params import FetchSceneParams, FetchTableStruct, table_struct
 from spin_rl.scenes.corridors.generator import generate_layouts
-from spin_rl.scenes.corridors.walls import Slots, put_slot
 from spin_rl.scenes.layout import Layout
 from spin_rl.scenes.objects.model import ObjectStart
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.scenes.tabletops.generator import mass_of, radius_of, size_of
 from spin_rl.scenes.tabletops.start_pose import between, either_way
+from spin_rl.warp_kernels.slots import Slots, put_slot, slots_of
 
 _NUM_KINDS = wp.constant(len(OBJECTS))
 
@@ -70,9 +70,6 @@ def generate_fetch_scenes(
         difficulty_choice=difficulty_choice,
         level=level,
     )
-    slots = Slots()
-    for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-        setattr(slots, name, getattr(layout, name))
     wp.launch(
         _put_tables,
         dim=layout.nworld,
@@ -86,7 +83,7 @@ def generate_fetch_scenes(
             layout.bend,
             layout.goal,
         ],
-        outputs=[slots, obj],
+        outputs=[slots_of(layout), obj],
         device=layout.device,
     )
 

@@ -11,11 +11,12 @@ given there; see `GeneratorParams` and docs/paper_deviations.md.
 import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
+from spin_rl.scenes.corridors.motion import draw_motion
 from spin_rl.scenes.corridors.params import GeneratorParams, ParamsStruct, params_struct
 from spin_rl.scenes.corridors.start_pose import put_start
-from spin_rl.scenes.corridors.walls import Slots, put_bent_walls, put_slot, put_straight_walls
+from spin_rl.scenes.corridors.walls import put_bent_walls, put_straight_walls
 from spin_rl.scenes.layout import Layout, PoolSpec
-from spin_rl.scenes.motion import draw_motion
+from spin_rl.warp_kernels.slots import Slots, put_slot, slots_of
 
 NUM_WALLS = 6
 
@@ -60,9 +61,6 @@ def generate_layouts(
         ValueError: If the pool is too small.
     """
     _require_pool(layout.pool, params)
-    slots = Slots()
-    for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-        setattr(slots, name, getattr(layout, name))
     wp.launch(
         _generate,
         dim=layout.nworld,
@@ -78,7 +76,7 @@ def generate_layouts(
         ],
         outputs=[
             counter,
-            slots,
+            slots_of(layout),
             layout.start,
             layout.start_joints,
             layout.goal,

@@ -9,6 +9,7 @@ from functools import lru_cache
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.scenes.footprint import vec8
 from spin_rl.scenes.layout import PoolSpec
 
 HIDDEN_DEPTH_M = 0.03
@@ -17,8 +18,6 @@ HIDDEN_DEPTH_M = 0.03
 # How far the driving robot, arm stowed, extends ahead of its origin, with a margin.
 _REACH_M = 0.4
 _FASTEST_M_S = max(profile.forward_max for profile in robot.SPEED_PROFILES.values())
-
-vec8 = wp.types.vector(length=8, dtype=float)
 
 
 @dataclass(frozen=True)

@@ -8,34 +8,9 @@ The path starts at the origin along +x. An L turns by 90 degrees after `first_le
 
 import warp as wp
 
+from spin_rl.warp_kernels.slots import Slots, put_slot
+
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.struct
-class Slots:
-    """The arrays of a `Layout` that a scene's walls and obstacles are written to."""
-
-    pos: wp.array2d[wp.vec3]
-    yaw: wp.array2d[float]
-    half_size: wp.array2d[wp.vec3]
-    active: wp.array2d[wp.bool]
-    is_cylinder: wp.array[wp.bool]
-
-
-@wp.func
-def put_slot(
-    world: int,
-    slot: int,
-    pos: wp.vec3,
-    yaw: float,
-    half: wp.vec3,
-    slots: Slots,
-) -> None:
-    """Write one active slot."""
-    slots.pos[world, slot] = pos
-    slots.yaw[world, slot] = yaw
-    slots.half_size[world, slot] = half
-    slots.active[world, slot] = True
 
 
 @wp.func

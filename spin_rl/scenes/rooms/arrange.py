@@ -4,10 +4,10 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.walls import Slots
 from spin_rl.scenes.rooms.furniture import draw_piece, put_piece
 from spin_rl.scenes.rooms.geometry import ROBOT_TOP, Site, rectangles_near
 from spin_rl.scenes.rooms.params import FamilyStruct
+from spin_rl.warp_kernels.slots import Slots
 
 TOUCH = wp.constant(0.02)
 """Pieces nearer to a wall than this touch it [m]."""

@@ -6,10 +6,10 @@ import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
 from spin_rl.scenes.corridors.params import ParamsStruct
-from spin_rl.scenes.corridors.walls import Slots
 from spin_rl.scenes.rooms.geometry import Site, centred
 from spin_rl.scenes.rooms.params import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_walls
+from spin_rl.warp_kernels.slots import Slots
 
 _MAX_LEGS = wp.constant(3)
 

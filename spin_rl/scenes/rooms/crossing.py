@@ -5,12 +5,12 @@
 import warp as wp
 
 from spin_rl.scenes.corridors.params import ParamsStruct
-from spin_rl.scenes.corridors.walls import Slots, put_slot
 from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, with_rectangle, with_reserved
 from spin_rl.scenes.rooms.params import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_wall, put_walls
+from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _MAX_STATIONS = wp.constant(3)
 """Most places along the hall with an opening on one side or on both."""

@@ -8,8 +8,8 @@ with its footprint and the slots that it needs, and written once it has a place.
 
 import warp as wp
 
-from spin_rl.scenes.corridors.walls import Slots, put_slot
 from spin_rl.scenes.rooms.geometry import ROBOT_TOP
+from spin_rl.warp_kernels.slots import Slots, put_slot
 
 TABLE = wp.constant(0)
 CHAIR = wp.constant(1)

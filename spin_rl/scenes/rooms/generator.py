@@ -9,8 +9,7 @@ moves, and the goal; `place_starts` takes the ways to that goal and writes the s
 import warp as wp
 
 from spin_rl.scenes.corridors.params import ParamsStruct, params_struct
-from spin_rl.scenes.corridors.start_pose import pose_is_clear
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.scenes.footprint import pose_is_clear
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout
 from spin_rl.scenes.motion import Track, track_of
@@ -28,6 +27,7 @@ from spin_rl.scenes.rooms.placement import (
     wall_between,
 )
 from spin_rl.scenes.rooms.room import build_doorway, build_room
+from spin_rl.warp_kernels.slots import Slots, slots_of
 
 _CORRIDOR = wp.constant(FAMILIES.index("corridor"))
 _ROOM = wp.constant(FAMILIES.index("room"))
@@ -80,7 +80,7 @@ def build_scenes(
         ],
         outputs=[
             counter,
-            _slots_of(layout),
+            slots_of(layout),
             track_of(layout),
             layout.family,
             layout.goal,
@@ -133,19 +133,12 @@ def place_starts(
             mask,
             layout.family,
             layout.goal,
-            _slots_of(layout),
+            slots_of(layout),
             track_of(layout),
         ],
         outputs=[layout.start, layout.start_joints, layout.way_m],
         device=layout.device,
     )
-
-
-def _slots_of(layout: Layout) -> Slots:
-    slots = Slots()
-    for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-        setattr(slots, name, getattr(layout, name))
-    return slots
 
 
 @wp.kernel

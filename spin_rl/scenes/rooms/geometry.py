@@ -4,7 +4,7 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.warp_kernels.slots import Slots
 
 MAX_RECTANGLES = wp.constant(6)
 ROBOT_TOP = wp.constant(1.45)

@@ -4,11 +4,11 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct, vec8
-from spin_rl.scenes.corridors.start_pose import pose_is_clear
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.footprint import pose_is_clear, vec8
 from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.geometry import Site, spot_clearance, sweep_distance
+from spin_rl.warp_kernels.slots import Slots
 
 _TRIES = wp.constant(48)
 _BESIDE_MOVER = wp.constant(0.5)

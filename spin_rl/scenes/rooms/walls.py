@@ -4,8 +4,8 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.walls import Slots, put_slot
 from spin_rl.scenes.rooms.geometry import Site
+from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _TOUCH = wp.constant(1.0e-4)
 _MAX_PIECES = wp.constant(4)

@@ -9,7 +9,6 @@ docs/manipulation.md.
 
 import warp as wp
 
-from spin_rl.scenes.corridors.walls import Slots, put_slot
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.objects.model import CYLINDER, SHAPE_OF_KIND, ObjectStart
 from spin_rl.scenes.objects.shapes import KINDS
@@ -22,6 +21,7 @@ from spin_rl.scenes.tabletops.start_pose import (
     look_at,
     near_start,
 )
+from spin_rl.warp_kernels.slots import Slots, put_slot, slots_of
 
 NUM_WALLS = 4
 
@@ -75,9 +75,6 @@ def generate_tabletops(
         ValueError: If the pool is too small.
     """
     _require_pool(layout.pool)
-    slots = Slots()
-    for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-        setattr(slots, name, getattr(layout, name))
     wp.launch(
         _generate_tabletops,
         dim=layout.nworld,
@@ -91,7 +88,7 @@ def generate_tabletops(
             near_share,
             kind_choice,
         ],
-        outputs=[counter, slots, obj, layout.start, layout.start_joints, layout.goal],
+        outputs=[counter, slots_of(layout), obj, layout.start, layout.start_joints, layout.goal],
         device=layout.device,
     )
 

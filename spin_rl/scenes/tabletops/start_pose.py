@@ -9,7 +9,7 @@ points along the arm but for its pitch.
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.corridors.params import vec8
+from spin_rl.scenes.footprint import vec8
 from spin_rl.scenes.tabletops.params import TabletopStruct
 
 _LIFT_MAX = wp.constant(robot.JOINT_UPPER[0])

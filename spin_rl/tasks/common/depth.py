@@ -8,22 +8,22 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.sensors.depth.camera import PIXELS, DepthCamera
 from spin_rl.sensors.depth.pipeline import DepthConfig, DepthPipeline
+from spin_rl.sensors.interface import Sensor
 from spin_rl.sim import Simulation
 
 _NEAREST_M = 0.05
 """Points nearer than this, or behind, are located as if they were here."""
 
 
-class DepthImages:
-    """Owns camera and pipeline; `begin` and `update` belong into the captured step."""
+class DepthImages(Sensor):
+    """Owns camera and pipeline; see `Sensor`."""
 
     def __init__(
         self,
         sim: Simulation,
         cfg: DepthConfig,
         *,
-        camera_site: int,
-        tan_half_fov: tuple[float, float],
+        camera_mount: robot.CameraMount,
         seed: wp.array,
     ) -> None:
         """Allocate the images.
@@ -31,10 +31,11 @@ class DepthImages:
         Args:
             sim: The simulation; its poses are read at every update.
             cfg: Noise and filter.
-            camera_site: Index of the camera's optical frame among the sites.
-            tan_half_fov: Tangent of half the field of view along the optical x and y axes.
+            camera_mount: "portrait" or "landscape".
             seed: Random seed, shape (1,), int32.
         """
+        camera_site = sim.mj_model.site(robot.CAMERA_SITE).id
+        tan_half_fov = robot.camera_tan_half_fov(camera_mount)
         self.camera = DepthCamera(
             sim.mj_model, sim.model, sim.data, camera_site=camera_site, tan_half_fov=tan_half_fov
         )

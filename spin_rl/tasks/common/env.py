@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -14,10 +14,13 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.params import TabletopParams
+from spin_rl.sensors.interface import Sensor
 from spin_rl.sim import Simulation
 from spin_rl.sim.graph import StepGraph
-from spin_rl.tasks.common import episode
+from spin_rl.sim.manipulation import ManipulationConfig
+from spin_rl.tasks.common import episode, rewards
 from spin_rl.tasks.common.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.common.health import HealthMonitor
@@ -56,12 +59,19 @@ class TaskEnv(VecEnv):
     returned by `step` are those of the new episode where one ended; `last_transition` and `outcome` describe
     the step itself.
 
-    A subclass hands its simulation to the constructor, makes its sensors, `observations` and `statistics`,
-    and calls `_begin` at last. `_launch_step` and `_launch_reset` only launch kernels.
+    A subclass makes its sensors, `observations` and `statistics`, and calls `_begin` at last. Its methods
+    `_end_episodes`, `_draw_scenes` and `_begin_episodes` only launch kernels.
+
+    Attributes:
+        sensors: What observations read; updated at the end of a step, with new episodes' scenes and poses.
+        step_sensors: What rewards read; updated after physics, before worlds that ended are reset.
     """
 
     camera_actions = CAMERA_ACTIONS
     camera_columns = camera_columns()
+    cfg: TaskConfig
+    sensors: tuple[Sensor, ...] = ()
+    step_sensors: tuple[Sensor, ...] = ()
     observations: Observations
     statistics: EpisodeStatistics
     last_transition: Motion | None = None
@@ -69,36 +79,48 @@ class TaskEnv(VecEnv):
     def __init__(
         self,
         cfg: TaskConfig,
-        sim: Simulation,
+        num_envs: int,
+        device: str,
         seed: int,
-        reward: Mapping[str, float],
+        *,
+        pool: PoolSpec,
         terms: Mapping[str, Term],
-        camera_action: torch.Tensor | None,
+        camera_action: Sequence[float],
+        moving: bool = False,
+        manipulation: ManipulationConfig | None = None,
     ) -> None:
         """Allocate what every task needs.
 
         Args:
             cfg: Task configuration.
-            sim: The simulation.
+            num_envs: Number of worlds.
+            device: Warp and Torch device.
             seed: Seed of scenes, start poses and dynamics.
-            reward: Scale by term.
-            terms: Functions of what `_transition` returns.
-            camera_action: Actions that hold a frozen camera, shape (2,), or None.
+            pool: Scene geoms of every world.
+            terms: Reward terms, functions of what `_transition` returns.
+            camera_action: Actions that hold the camera at `cfg.camera_pose`, if there is one.
+            moving: Whether obstacles may move.
+            manipulation: See `Simulation`.
         """
-        self.sim = sim
-        self.num_envs = sim.nworld
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        self._reward_scales = rewards.check_scales(cfg.reward, terms)
+        self._terms = terms
+        self.cfg = cfg
+        profile = robot.SPEED_PROFILES[cfg.robot_profile]
+        self.sim = Simulation(
+            num_envs, pool, profile, cfg.sim, device, moving=moving, manipulation=manipulation
+        )
+        self.num_envs = num_envs
         self.num_actions = len(robot.ACTIONS)
-        self.device = sim.device
+        self.device = device
         self.max_episode_length = round(cfg.episode_s / cfg.sim.control_period)
-        self.camera_site = sim.mj_model.site("camera_depth_optical_frame").id
-        self.tan_half_fov = robot.camera_tan_half_fov(cfg.camera_mount)
-        self._task = cfg
         # A disabled curriculum stays where it starts.
         self._moves = cfg.curriculum if cfg.curriculum.enabled else CurriculumConfig(up=0.0, down=0.0)
-        self._reward_scales = dict(reward)
-        self._terms = terms
-        self._camera_action = camera_action
-        with wp.ScopedDevice(self.device):
+        self._camera_action = None
+        if cfg.camera_pose is not None:
+            self._camera_action = torch.tensor(camera_action, device=device)
+        with wp.ScopedDevice(device):
             self._allocate_shared(cfg, seed)
         self.episode_length_buf = wp.to_torch(self._episode_length)
         self.outcome = wp.to_torch(self._outcome)
@@ -108,14 +130,12 @@ class TaskEnv(VecEnv):
         self.final_qpos = wp.to_torch(self._final_qpos)
         self.final_qvel = wp.to_torch(self._final_qvel)
         self._done_view = wp.to_torch(self._done)
-        self._last_action = torch.zeros_like(sim.views.action)
-        self._zero = torch.zeros(self.num_envs, device=self.device)
+        self._last_action = torch.zeros_like(self.sim.views.action)
+        self._zero = torch.zeros(num_envs, device=device)
         self.depth: DepthImages | None = None
         if cfg.depth is not None:
-            self.depth = DepthImages(
-                sim, cfg.depth, camera_site=self.camera_site, tan_half_fov=self.tan_half_fov, seed=self._seed
-            )
-        self.health = HealthMonitor(sim, self._outcome)
+            self.depth = DepthImages(self.sim, cfg.depth, camera_mount=cfg.camera_mount, seed=self._seed)
+        self.health = HealthMonitor(self.sim, self._outcome)
 
     def _allocate_shared(self, cfg: TaskConfig, seed: int) -> None:
         n = self.num_envs
@@ -132,8 +152,17 @@ class TaskEnv(VecEnv):
         self._done = wp.zeros(n, dtype=bool)
         self._all = wp.full(n, True, dtype=bool)
 
-    def _begin(self, seed: int, capture: bool) -> None:
-        """Compile every kernel, start every episode and capture the step."""
+    def _begin(
+        self,
+        seed: int,
+        capture: bool,
+        *,
+        sensors: Sequence[Sensor | None],
+        step_sensors: Sequence[Sensor | None] = (),
+    ) -> None:
+        """Compile every kernel, start every episode and capture the step; None is a sensor not in use."""
+        self.sensors = tuple(sensor for sensor in sensors if sensor is not None)
+        self.step_sensors = tuple(sensor for sensor in step_sensors if sensor is not None)
         # The eager pass compiles; its step is undone by the reset.
         with wp.ScopedDevice(self.device):
             self._launch_step()
@@ -144,10 +173,34 @@ class TaskEnv(VecEnv):
 
     def _launch_step(self) -> None:
         """Everything of one control step that happens on the device before rewards and observations."""
-        raise NotImplementedError
+        self.sim.advance()
+        for sensor in self.step_sensors:
+            sensor.update()
+        self._end_episodes()
+        self.health.launch()
+        self._launch_reset(self._done)
 
     def _launch_reset(self, mask: wp.array) -> None:
         """Start new episodes in the masked worlds, shape (nworld,), bool, and update the sensors of all."""
+        self._draw_scenes(mask)
+        self.sim.reset(mask)
+        self._begin_episodes(mask)
+        for sensor in (*self.step_sensors, *self.sensors):
+            sensor.begin(mask)
+        self.sim.forward()
+        for sensor in self.sensors:
+            sensor.update()
+
+    def _end_episodes(self) -> None:
+        """Describe the control step just made, write `_outcome` and `_done`, and move levels."""
+        raise NotImplementedError
+
+    def _draw_scenes(self, mask: wp.array) -> None:
+        """Write the layouts of the masked worlds' new episodes."""
+        raise NotImplementedError
+
+    def _begin_episodes(self, mask: wp.array) -> None:
+        """Clear what the task remembers of the masked worlds' last episodes, and draw their dynamics."""
         raise NotImplementedError
 
     def _before_step(self) -> None:
@@ -163,7 +216,7 @@ class TaskEnv(VecEnv):
 
     def reseed(self, seed: int) -> None:
         """Restart random numbers and levels; after a reset all is as in a new environment with this seed."""
-        self.level.fill_(self._task.curriculum.start)
+        self.level.fill_(self.cfg.curriculum.start)
         self._seed.fill_(seed)
         self.set_episode(0)
         self.observations.reseed(seed)

@@ -11,6 +11,7 @@ from spin_rl import robot
 from spin_rl.detection.segmentation import CENTRE_OFFSET_M, SegmentationDetector
 from spin_rl.scenes.objects.shapes import OBJECT_GEOMS, OBJECTS
 from spin_rl.sensors.depth.camera import DepthCamera
+from spin_rl.sensors.interface import Sensor
 from spin_rl.sensors.object_sight import ObjectSight
 from spin_rl.sim import Simulation
 from spin_rl.tasks.common.depth import DepthImages, image_shape
@@ -98,7 +99,7 @@ def check_detector(detector: str) -> None:
         raise ValueError(f"task.detector must be one of {', '.join(DETECTORS)}, got {detector!r}")
 
 
-class Sight:
+class Sight(Sensor):
     """Owns what is seen of the object in every world, and refreshes it inside the captured step.
 
     Without a detector an object is seen where it is, and the robot itself hides nothing; see `ObjectSight`.
@@ -119,8 +120,6 @@ class Sight:
         cfg: SightConfig,
         *,
         camera_mount: robot.CameraMount,
-        camera_site: int,
-        tan_half_fov: tuple[float, float],
         images: DepthImages | None,
     ) -> None:
         """Allocate the flags and the detector's camera.
@@ -130,11 +129,11 @@ class Sight:
             detector: One of `DETECTORS`.
             cfg: When the camera sees the object, without a detector.
             camera_mount: "portrait" or "landscape".
-            camera_site: Index of the camera's optical frame among the sites.
-            tan_half_fov: Tangents of half the field of view along the optical x and y axes.
             images: The policy's depth images, if it reads any.
         """
         self._sim = sim
+        camera_site = sim.mj_model.site(robot.CAMERA_SITE).id
+        tan_half_fov = robot.camera_tan_half_fov(camera_mount)
         self._detector: SegmentationDetector | None = None
         with wp.ScopedDevice(sim.device):
             self.at = wp.zeros(sim.nworld, dtype=wp.vec3)

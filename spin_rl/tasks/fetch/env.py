@@ -10,12 +10,10 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridor_tables.generator import generate_fetch_scenes
-from spin_rl.scenes.corridors.walls import Slots
-from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.env import TaskEnv
+from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.object_choice import ObjectChoice
 from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.fetch import stages as fetch_stages
@@ -28,9 +26,10 @@ from spin_rl.tasks.fetch.scripts import kernel as fetch_script
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.pick.episode import read_forces
 from spin_rl.tasks.pick.observations import PickNoise, PickObservations
+from spin_rl.warp_kernels.slots import slots_of
 
 
-class FetchEnv(ObjectChoice, TaskEnv):
+class FetchEnv(ObjectChoice, CorridorEnv):
     """Whole fetches in all worlds at once; what a step does is described in `TaskEnv`.
 
     Actions count in the stages `reach`, `pick` and `carry` (see `fetch_state.py`), in `carry` those of base,
@@ -40,6 +39,7 @@ class FetchEnv(ObjectChoice, TaskEnv):
         stage: Stage of every world, index into `fetch_state.STAGES`, a view, shape (num_envs,), int32.
     """
 
+    cfg: FetchConfig
     last_transition: FetchStep | None = None
 
     def __init__(
@@ -60,41 +60,32 @@ class FetchEnv(ObjectChoice, TaskEnv):
             seed: Seed of corridors, tables, objects, start poses, dynamics and sensor noise.
             capture: False launches kernels eagerly.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
-        self.cfg = cfg
-        profile = robot.SPEED_PROFILES[cfg.robot_profile]
-        sim = Simulation(num_envs, cfg.scene.pool, profile, cfg.sim, device, manipulation=cfg.manipulation)
-        super().__init__(cfg, sim, seed, {}, {}, None)
+        super().__init__(
+            cfg,
+            num_envs,
+            device,
+            seed,
+            pool=cfg.scene.pool,
+            terms={},
+            camera_action=(),
+            manipulation=cfg.manipulation,
+        )
+        limits = DriveLimits.create(robot.SPEED_PROFILES[cfg.robot_profile], device)
         with wp.ScopedDevice(device):
-            self._allocate(cfg, DriveLimits.create(profile, device))
-        self._make_sensors(cfg, seed)
+            self._allocate(cfg, limits)
+        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
+        self.sight = Sight(
+            self.sim, cfg.detector, cfg.sight, camera_mount=cfg.camera_mount, images=self.depth
+        )
         self.stage = wp.to_torch(self._state.stage)
         self._reached, self._picked = wp.to_torch(self._state.reached), wp.to_torch(self._state.picked)
         self._recorded = wp.to_torch(self._record.outcome)
+        self.observations = self._make_observations(cfg, seed)
         self.statistics = FetchStatistics(num_envs, device)
-        self._begin(seed, capture)
+        self._begin(seed, capture, sensors=(self.scandots, self.sight, self.depth))
 
-    def _make_sensors(self, cfg: FetchConfig, seed: int) -> None:
+    def _make_observations(self, cfg: FetchConfig, seed: int) -> FetchObservations:
         sim = self.sim
-        sites = {"qpos": sim.data.qpos, "site_xpos": sim.data.site_xpos, "site_xmat": sim.data.site_xmat}
-        camera = {"camera_site": self.camera_site, "tan_half_fov": self.tan_half_fov}
-        self.scandots = Scandots(
-            sim.layout,
-            **sites,
-            **camera,
-            window=cfg.scandots.window_m,
-            near=cfg.scandots.near_m,
-            occlusion=cfg.scandots.occlusion,
-        )
-        self.sight = Sight(
-            sim,
-            cfg.detector,
-            cfg.sight,
-            camera_mount=cfg.camera_mount,
-            **camera,
-            images=self.depth,
-        )
         pick = PickObservations(
             sim,
             PickNoise(object_m=cfg.noise.object_m),
@@ -107,14 +98,10 @@ class FetchEnv(ObjectChoice, TaskEnv):
             hold_steps=self._rules.hold_steps,
         )
         nav = NavObservations(sim, self.scandots, cfg.noise, seed, self.depth)
-        self.observations = FetchObservations(
-            nav, pick, wp.to_torch(self._state.stage), self.depth, cfg.pick_range_m
-        )
+        return FetchObservations(nav, pick, self.stage, self.depth, cfg.pick_range_m)
 
     def _allocate(self, cfg: FetchConfig, limits: DriveLimits) -> None:
         n, sim, period = self.num_envs, self.sim, cfg.sim.control_period
-        self._scenario_choice = wp.full(n, cfg.scenario, dtype=wp.int32)
-        self._difficulty_choice = wp.full(n, cfg.difficulty, dtype=wp.int32)
         self._allocate_choice(n, cfg.object)
         self._forces = read_forces(sim.grasp)
         self._state = fetch_state.make_state(n, self.device)
@@ -133,9 +120,7 @@ class FetchEnv(ObjectChoice, TaskEnv):
         self._drive.pick_speed = wp.vec2(
             cfg.manipulation.increments.forward_speed, cfg.manipulation.increments.turn_speed
         )
-        self._slots = Slots()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._slots, name, getattr(sim.layout, name))
+        self._slots = slots_of(sim.layout)
 
     def _launch_step(self) -> None:
         sim = self.sim
@@ -145,7 +130,10 @@ class FetchEnv(ObjectChoice, TaskEnv):
             inputs=[self._drive, self._slots, sim.data.qpos, sim.data.qvel, sim.target, self._forces],
             outputs=[self._state, sim.action],
         )
-        sim.advance()
+        super()._launch_step()
+
+    def _end_episodes(self) -> None:
+        sim = self.sim
         # Poses are those of the last substep's start until now.
         sim.forward()
         # The object is seen as it was when the action was chosen.
@@ -164,10 +152,8 @@ class FetchEnv(ObjectChoice, TaskEnv):
                 self._done,
             ],
         )
-        self.health.launch()
-        self._launch_reset(self._done)
 
-    def _launch_reset(self, mask: wp.array) -> None:
+    def _draw_scenes(self, mask: wp.array) -> None:
         sim = self.sim
         generate_fetch_scenes(
             sim.layout,
@@ -182,7 +168,9 @@ class FetchEnv(ObjectChoice, TaskEnv):
             kind_choice=self._kind_choice,
         )
         wp.launch(fetch_start._prepare_fetches, dim=self.num_envs, inputs=[mask], outputs=[sim.mode])
-        sim.reset(mask)
+
+    def _begin_episodes(self, mask: wp.array) -> None:
+        sim = self.sim
         wp.launch(
             fetch_start._begin_fetches,
             dim=self.num_envs,
@@ -196,29 +184,15 @@ class FetchEnv(ObjectChoice, TaskEnv):
             ],
             outputs=[self._state, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
         )
-        if self.depth is not None:
-            self.depth.begin(mask)
-        sim.forward()
-        self.scandots.update()
-        self.sight.update()
+
+    def _launch_reset(self, mask: wp.array) -> None:
+        super()._launch_reset(mask)
         wp.launch(
             fetch_start._watch_objects,
             dim=self.num_envs,
             inputs=[self.sight.seen, self.sight.at],
             outputs=[self._state],
         )
-        if self.depth is not None:
-            self.depth.update()
-
-    def set_cells(self, scenario: torch.Tensor | list[int], difficulty: torch.Tensor | list[int]) -> None:
-        """Fix scenario and difficulty of every world, from its next fetch on.
-
-        Args:
-            scenario: 1 straight, 2 L-shaped, 0 a mix, shape (num_envs,).
-            difficulty: 0 easy, 1 medium, 2 hard, -1 a mix, shape (num_envs,).
-        """
-        for choice, values in ((self._scenario_choice, scenario), (self._difficulty_choice, difficulty)):
-            wp.to_torch(choice).copy_(torch.as_tensor(values, dtype=torch.int32))
 
     def reset(self) -> TensorDict:
         """Start a new fetch in every world, forget the results, and return the first observations."""

@@ -9,21 +9,21 @@ from spin_rl import robot
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.clearance import Clearance
-from spin_rl.sensors.scandots import Scandots
-from spin_rl.sim import Simulation
 from spin_rl.tasks.common import episode, rewards
 from spin_rl.tasks.common.config import NavConfig
-from spin_rl.tasks.common.env import TaskEnv, with_camera_at
+from spin_rl.tasks.common.corridor import CorridorEnv
+from spin_rl.tasks.common.env import with_camera_at
 from spin_rl.tasks.common.statistics import NavStatistics
 from spin_rl.tasks.nav.observations import NavObservations
 
 
-class NavEnv(TaskEnv):
+class NavEnv(CorridorEnv):
     """Navigation in all worlds at once; what a step does is described in `TaskEnv`.
 
     The observation groups are documented in `observations.py`.
     """
 
+    cfg: NavConfig
     last_transition: rewards.Transition | None = None
 
     def __init__(
@@ -46,50 +46,34 @@ class NavEnv(TaskEnv):
             scene: A fixed scene for every world and episode instead of the generator's corridors.
             capture: False launches kernels eagerly.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
-        self.cfg = cfg
+        super().__init__(
+            cfg,
+            num_envs,
+            device,
+            seed,
+            pool=PoolSpec() if scene is None else scene.pool,
+            terms=rewards.TERMS,
+            camera_action=[
+                robot.action_of(joint, at)
+                for joint, at in zip(robot.CAMERA_JOINTS, cfg.camera_pose or (), strict=False)
+            ],
+            moving=(scene or cfg.scene).moves,
+        )
         self._scene = scene
         self._layout_params = with_camera_at(cfg.scene, cfg.camera_pose)
-        camera_action = None
-        if cfg.camera_pose is not None:
-            camera_action = torch.tensor(
-                [robot.action_of(*pose) for pose in zip(robot.CAMERA_JOINTS, cfg.camera_pose, strict=True)],
-                device=device,
-            )
-        pool = PoolSpec() if scene is None else scene.pool
-        profile, moving = robot.SPEED_PROFILES[cfg.robot_profile], (scene or cfg.scene).moves
-        sim = Simulation(num_envs, pool, profile, cfg.sim, device, moving=moving)
         if scene is not None:
-            sim.layout.load(scene)
-        scales = rewards.check_scales(cfg.reward)
-        super().__init__(cfg, sim, seed, scales, rewards.TERMS, camera_action)
+            self.sim.layout.load(scene)
         with wp.ScopedDevice(device):
-            self._allocate(cfg)
-        self.scandots = Scandots(
-            sim.layout,
-            qpos=sim.data.qpos,
-            site_xpos=sim.data.site_xpos,
-            site_xmat=sim.data.site_xmat,
-            camera_site=self.camera_site,
-            tan_half_fov=self.tan_half_fov,
-            window=cfg.scandots.window_m,
-            near=cfg.scandots.near_m,
-            occlusion=cfg.scandots.occlusion,
-        )
-        self.observations = NavObservations(sim, self.scandots, cfg.noise, seed, self.depth)
-        self.statistics = NavStatistics(num_envs, tuple(scales), device)
-        self._clearance = Clearance(sim, cfg.clearance_m) if "clearance" in scales else None
+            self._distance = wp.zeros(num_envs, dtype=float)
+            self._progress = wp.zeros(num_envs, dtype=float)
+            self._goal_distance = wp.zeros(num_envs, dtype=float)
+        self._make_corridors(cfg.scenario, cfg.difficulty, cfg.scandots)
+        needs_clearance = "clearance" in self._reward_scales
+        self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
+        self.observations = NavObservations(self.sim, self.scandots, cfg.noise, seed, self.depth)
+        self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
-        self._begin(seed, capture)
-
-    def _allocate(self, cfg: NavConfig) -> None:
-        n = self.num_envs
-        self._scenario_choice = wp.full(n, cfg.scenario, dtype=wp.int32)
-        self._difficulty_choice = wp.full(n, cfg.difficulty, dtype=wp.int32)
-        self._distance = wp.zeros(n, dtype=float)
-        self._progress = wp.zeros(n, dtype=float)
-        self._goal_distance = wp.zeros(n, dtype=float)
+        self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
@@ -98,11 +82,8 @@ class NavEnv(TaskEnv):
         self._goal_before = torch.zeros_like(self.sim.views.goal)
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
 
-    def _launch_step(self) -> None:
+    def _end_episodes(self) -> None:
         sim, cfg = self.sim, self.cfg
-        sim.advance()
-        if self._clearance is not None:
-            self._clearance.update()
         wp.launch(
             episode._end_episodes,
             dim=self.num_envs,
@@ -131,14 +112,11 @@ class NavEnv(TaskEnv):
                 self._done,
             ],
         )
-        self.health.launch()
-        self._launch_reset(self._done)
 
-    def _launch_reset(self, mask: wp.array) -> None:
-        sim = self.sim
+    def _draw_scenes(self, mask: wp.array) -> None:
         if self._scene is None:
             generate_layouts(
-                sim.layout,
+                self.sim.layout,
                 self._layout_params,
                 seed=self._seed,
                 counter=self._layout_counter,
@@ -147,7 +125,9 @@ class NavEnv(TaskEnv):
                 difficulty_choice=self._difficulty_choice,
                 level=self._level,
             )
-        sim.reset(mask)
+
+    def _begin_episodes(self, mask: wp.array) -> None:
+        sim = self.sim
         wp.launch(
             episode._begin_episodes,
             dim=self.num_envs,
@@ -163,23 +143,6 @@ class NavEnv(TaskEnv):
             ],
             outputs=[self._episode_length, self._distance, sim.dynamics.lag, sim.dynamics.speed_scale],
         )
-        if self.depth is not None:
-            self.depth.begin(mask)
-        sim.forward()
-        self.scandots.update()
-        if self.depth is not None:
-            self.depth.update()
-
-    def set_cells(self, scenario: torch.Tensor | list[int], difficulty: torch.Tensor | list[int]) -> None:
-        """Fix scenario and difficulty of every world, from its next episode on.
-
-        Args:
-            scenario: 1 straight, 2 L-shaped, 0 a mix, shape (num_envs,).
-            difficulty: 0 easy, 1 medium, 2 hard, -1 a mix, shape (num_envs,).
-        """
-        for name, values in (("scenario", scenario), ("difficulty", difficulty)):
-            view = wp.to_torch(getattr(self, f"_{name}_choice"))
-            view.copy_(torch.as_tensor(values, dtype=torch.int32))
 
     def _before_step(self) -> None:
         self._goal_before.copy_(self.sim.views.goal)

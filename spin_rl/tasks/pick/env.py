@@ -8,8 +8,6 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.generator import generate_tabletops
-from spin_rl.sim import Simulation
-from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.env import TaskEnv, with_camera_at
 from spin_rl.tasks.common.object_choice import ObjectChoice
 from spin_rl.tasks.common.sight import Sight
@@ -28,6 +26,7 @@ class PickEnv(ObjectChoice, TaskEnv):
     episode with a success at any time has the outcome success, however it ends.
     """
 
+    cfg: PickConfig
     last_transition: PickTransition | None = None
 
     def __init__(
@@ -48,34 +47,21 @@ class PickEnv(ObjectChoice, TaskEnv):
             seed: Seed of tables, objects, start poses, dynamics and sensor noise.
             capture: False launches kernels eagerly.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
-        self.cfg = cfg
-        sim = Simulation(
+        super().__init__(
+            cfg,
             num_envs,
-            PoolSpec(),
-            robot.SPEED_PROFILES[cfg.robot_profile],
-            cfg.sim,
             device,
+            seed,
+            pool=PoolSpec(),
+            terms=pick_rewards.TERMS,
+            camera_action=[0.0] * len(robot.CAMERA_JOINTS),
             manipulation=cfg.manipulation,
         )
+        sim = self.sim
         self._scene_params = with_camera_at(cfg.scene, cfg.camera_pose)
-        scales = rewards.check_scales(cfg.reward, pick_rewards.TERMS)
-        camera_action = (
-            None if cfg.camera_pose is None else torch.zeros(len(robot.CAMERA_JOINTS), device=device)
-        )
-        super().__init__(cfg, sim, seed, scales, pick_rewards.TERMS, camera_action)
         with wp.ScopedDevice(device):
             self._allocate(cfg)
-        self.sight = Sight(
-            sim,
-            cfg.detector,
-            cfg.sight,
-            camera_mount=cfg.camera_mount,
-            camera_site=self.camera_site,
-            tan_half_fov=self.tan_half_fov,
-            images=self.depth,
-        )
+        self.sight = Sight(sim, cfg.detector, cfg.sight, camera_mount=cfg.camera_mount, images=self.depth)
         self.observations = PickObservations(
             sim,
             cfg.noise,
@@ -90,13 +76,13 @@ class PickEnv(ObjectChoice, TaskEnv):
         )
         self.statistics = PickStatistics(
             num_envs,
-            tuple(scales),
+            tuple(self._reward_scales),
             device,
             kind=sim.object.views.kind,
             near=sim.object.views.near,
             seen=wp.to_torch(self.sight.seen),
         )
-        self._begin(seed, capture)
+        self._begin(seed, capture, sensors=(self.sight, self.depth))
 
     def _allocate(self, cfg: PickConfig) -> None:
         n, sim = self.num_envs, self.sim
@@ -122,18 +108,10 @@ class PickEnv(ObjectChoice, TaskEnv):
         self._rules.level_up = self._moves.up
         self._rules.level_down = self._moves.down
 
-    def _launch_step(self) -> None:
+    def _end_episodes(self) -> None:
         sim = self.sim
-        sim.advance()
         # Poses of the gripper are those of the last substep's start until now.
         sim.forward()
-        self._launch_end()
-        self.health.launch()
-        self._launch_reset(self._done)
-
-    def _launch_end(self) -> None:
-        """Describe the control step just made and end episodes."""
-        sim = self.sim
         wp.launch(
             pick_episode._end_picks,
             dim=self.num_envs,
@@ -153,7 +131,7 @@ class PickEnv(ObjectChoice, TaskEnv):
             outputs=[self._step_arrays, self._final_qpos, self._final_qvel, self._outcome, self._done],
         )
 
-    def _launch_reset(self, mask: wp.array) -> None:
+    def _draw_scenes(self, mask: wp.array) -> None:
         sim, cfg = self.sim, self.cfg
         wp.launch(
             pick_episode._set_near_share,
@@ -172,19 +150,15 @@ class PickEnv(ObjectChoice, TaskEnv):
             near_share=self._near_share,
             kind_choice=self._kind_choice,
         )
-        sim.reset(mask)
+
+    def _begin_episodes(self, mask: wp.array) -> None:
+        sim = self.sim
         wp.launch(
             pick_episode._begin_picks,
             dim=self.num_envs,
             inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
             outputs=[self._progress, self._forces, sim.dynamics.lag, sim.dynamics.speed_scale],
         )
-        if self.depth is not None:
-            self.depth.begin(mask)
-        sim.forward()
-        self.sight.update()
-        if self.depth is not None:
-            self.depth.update()
 
     def _before_step(self) -> None:
         self.statistics.before_step()

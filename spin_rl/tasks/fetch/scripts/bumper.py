@@ -4,9 +4,8 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import vec8
-from spin_rl.scenes.corridors.start_pose import NUM_BASE, disc_touches, robot_disc
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.scenes.footprint import NUM_BASE, pose_touches, vec8
+from spin_rl.warp_kernels.slots import Slots
 
 _BUMPER_M = wp.constant(0.03)
 _BUMPER_S = wp.constant(0.4)
@@ -17,25 +16,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.func
 def _touches(w: int, x: float, y: float, yaw: float, slots: Slots) -> bool:
     """Whether the base at a pose comes nearer to anything than `_BUMPER_M`."""
-    touches = bool(False)
-    joints = vec8()
-    for i in range(NUM_BASE):
-        disc = robot_disc(i, joints)
-        at_x = x + wp.cos(yaw) * disc.centre[0] - wp.sin(yaw) * disc.centre[1]
-        at_y = y + wp.sin(yaw) * disc.centre[0] + wp.cos(yaw) * disc.centre[1]
-        for slot in range(slots.active.shape[1]):
-            if slots.active[w, slot] and disc_touches(
-                disc,
-                at_x,
-                at_y,
-                _BUMPER_M,
-                slots.pos[w, slot],
-                slots.yaw[w, slot],
-                slots.half_size[w, slot],
-                slots.is_cylinder[slot],
-            ):
-                touches = True
-    return touches
+    return pose_touches(w, wp.vec3(x, y, yaw), vec8(), NUM_BASE, _BUMPER_M, slots)
 
 
 @wp.func

@@ -8,14 +8,14 @@ Phases are in `fetch_phases.py`; here their commands become actions, at limited 
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.corridors.params import vec8
-from spin_rl.scenes.corridors.walls import Slots
+from spin_rl.scenes.footprint import vec8
 from spin_rl.sim.targets import action_for, joint_target
 from spin_rl.tasks.fetch.scripts.bumper import without_bumps
 from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, Command
 from spin_rl.tasks.fetch.scripts.phases import SETTLE, align, is_pose, last_phase, place, retract
 from spin_rl.tasks.fetch.state import ALIGN, CARRY, PICK, PLACE, REACH, RETRACT, FetchState
 from spin_rl.tasks.pick.episode import Forces
+from spin_rl.warp_kernels.slots import Slots
 
 _LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
 _RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))

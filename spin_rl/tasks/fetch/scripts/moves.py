@@ -5,7 +5,7 @@
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.corridors.params import vec8
+from spin_rl.scenes.footprint import vec8
 from spin_rl.scenes.tabletops.start_pose import head_towards
 
 LIFT, ARM, YAW, PITCH, ROLL, FINGER, PAN, TILT = (
