@@ -1,0 +1,69 @@
+# pyright: reportGeneralTypeIssues=false
+# (a Warp struct is an object, not a class, to a type checker)
+"""Distance fields as kernels read them."""
+
+import warp as wp
+
+UNREACHABLE = wp.constant(1.0e4)
+"""Value of cells from which no way leads to the goal [m]."""
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Field:
+    """Distance fields of all worlds.
+
+    ``values`` [m] has shape (nworld, ny, nx). Cell (row, column) has its centre at ``origin`` + (column +
+    0.5, row + 0.5) * ``cell`` [m]; ``origin`` and ``goal`` (nworld,) are in the world.
+    """
+
+    values: wp.array3d[float]
+    origin: wp.array[wp.vec2]
+    goal: wp.array[wp.vec2]
+    cell: float
+
+
+@wp.func
+def cell_centre(field: Field, world: int, column: int, row: int) -> wp.vec2:
+    """Centre of a cell in the world [m]."""
+    return field.origin[world] + field.cell * wp.vec2(float(column) + 0.5, float(row) + 0.5)
+
+
+@wp.func
+def field_at(field: Field, world: int, x: float, y: float) -> float:
+    """Length of the way from a point to the goal [m]; `UNREACHABLE` plus the straight line if there is none.
+
+    Interpolated is what the way is longer than the straight line, so that the value is exact where the goal
+    is in sight and near. Cells that cannot reach the goal do not count beside others that can. Outside the
+    grid: the value at its border, plus the distance to it.
+    """
+    rows = field.values.shape[1]
+    columns = field.values.shape[2]
+    goal = field.goal[world]
+    point = wp.vec2(x, y)
+    first = cell_centre(field, world, 0, 0)
+    last = cell_centre(field, world, columns - 1, rows - 1)
+    inside = wp.vec2(wp.clamp(x, first[0], last[0]), wp.clamp(y, first[1], last[1]))
+    offset = (inside - first) / field.cell
+    if not wp.isfinite(offset[0] + offset[1]):
+        return UNREACHABLE
+    column = wp.clamp(int(offset[0]), 0, columns - 2)
+    row = wp.clamp(int(offset[1]), 0, rows - 2)
+    across = offset[0] - float(column)
+    up = offset[1] - float(row)
+    detour = float(0.0)
+    weights = float(0.0)
+    for corner in range(4):
+        i = corner % 2
+        j = corner // 2
+        value = field.values[world, row + j, column + i]
+        if value < UNREACHABLE:
+            weight = wp.where(i == 0, 1.0 - across, across) * wp.where(j == 0, 1.0 - up, up)
+            straight = wp.length(cell_centre(field, world, column + i, row + j) - goal)
+            detour += weight * (value - straight)
+            weights += weight
+    distance = wp.length(inside - goal) + wp.length(point - inside)
+    if weights <= 1.0e-6:
+        return UNREACHABLE + distance
+    return distance + detour / weights

@@ -1,0 +1,227 @@
+# pyright: reportGeneralTypeIssues=false
+# (a Warp struct is an object, not a class, to a type checker)
+"""Values of a distance field, spread from the goal.
+
+The value T solves the eikonal equation |grad T| = slowness with first-order upwind differences (Rouy and
+Tourin 1992; Zhao 2005, eq. 2.3). Cells near the goal that see it have the exact straight distance, and the
+values spread from there through an active list: cells below a threshold are relaxed in the order of a queue,
+the others wait until the threshold passes them (Bak, McLaughlin and Renzi 2010). The result is that of fast
+marching up to `_TOLERANCE`; most cells are relaxed once, and those that no way leads to cost nothing. Fast
+sweeping took 1.2 to 9 ms where this takes 0.3 to 0.6 ms.
+
+A world is one thread in `_spread`, on CUDA too, where that is the slow part. A variant for CUDA would give
+each world a block, whose threads relax the cells of the active list in parallel, with a barrier per band.
+"""
+
+import warp as wp
+
+from spin_rl.warp_kernels.distance_field.cells import (
+    BLOCKED,
+    BORDER,
+    FREE,
+    KIND,
+    SLOW,
+    prepare_cells,
+)
+from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field
+from spin_rl.warp_kernels.visibility import Obstacles
+
+MAX_RINGS = 15
+"""More would run into the other flags."""
+
+_QUEUED = wp.constant(8)
+_REACHED = wp.constant(16)
+_EXTENDED = wp.constant(64)  # plus the ring
+
+_SLOWNESS = wp.constant(4.0)
+"""Of cells nearer to obstacles than ``clearance``."""
+
+_TOLERANCE = wp.constant(1.0e-4)
+"""Smallest change that spreads [m]."""
+
+_BAND = wp.constant(3.0)
+"""What the threshold grows by, in cells: less means more waiting, more means more relaxing in vain."""
+
+_CUDA_LANES = 128
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def _upwind(a: float, b: float, step: float) -> float:
+    """Value of a cell whose lower neighbours along both axes have the values a and b."""
+    difference = wp.abs(a - b)
+    if difference >= step:
+        return wp.min(a, b) + step
+    return 0.5 * (a + b + wp.sqrt(2.0 * step * step - difference * difference))
+
+
+@wp.kernel
+def _spread(
+    mask: wp.array[wp.bool],
+    columns: int,
+    cell: float,
+    values: wp.array2d[float],
+    kinds: wp.array2d[int],
+    queues: wp.array2d[int],
+):
+    """Relax cells until nothing changes; the arrays have the cells of a world in one row."""
+    world = wp.tid()
+    if not mask[world]:
+        return
+    value = values[world]
+    kind = kinds[world]
+    queue = queues[world]
+    size = queue.shape[0]
+    head = int(0)
+    count = int(0)
+    for seed in range(size):
+        if value[seed] < UNREACHABLE:
+            queue[count] = seed
+            kind[seed] = kind[seed] | _QUEUED
+            count += 1
+    threshold = float(0.0)
+    waiting = int(0)  # how many cells in a row have been put back
+    lowest = float(UNREACHABLE)  # their smallest value
+    while count > 0:
+        here = queue[head]
+        head = wp.where(head + 1 == size, 0, head + 1)
+        mine = value[here]
+        if mine > threshold:
+            tail = head + count - 1
+            queue[wp.where(tail >= size, tail - size, tail)] = here
+            waiting += 1
+            lowest = wp.min(lowest, mine)
+            if waiting >= count:
+                threshold = lowest + _BAND * cell
+                waiting = 0
+                lowest = UNREACHABLE
+            continue
+        waiting = 0
+        lowest = UNREACHABLE
+        count -= 1
+        kind[here] = (kind[here] & (KIND | BORDER)) | _REACHED
+        for side in range(4):
+            step = wp.where(side < 2, 1, columns)
+            beside = here + wp.where(side % 2 == 0, step, -step)
+            if beside < 0 or beside >= size:
+                continue
+            flags = kind[beside]
+            passable = (flags & (KIND | BORDER)) <= SLOW
+            if passable and value[beside] > mine:
+                length = wp.where((flags & KIND) == SLOW, _SLOWNESS * cell, cell)
+                a = wp.min(value[beside - 1], value[beside + 1])
+                b = wp.min(value[beside - columns], value[beside + columns])
+                found = _upwind(a, b, length)
+                if found < value[beside] - _TOLERANCE:
+                    value[beside] = found
+                    if (flags & _QUEUED) == 0:
+                        kind[beside] = flags | _QUEUED
+                        tail = head + count
+                        queue[wp.where(tail >= size, tail - size, tail)] = beside
+                        count += 1
+
+
+@wp.func
+def _settled(values: wp.array3d[float], kinds: wp.array3d[int], world: int, row: int, column: int, ring: int):
+    """Value of a cell that was reached, or extended to in an earlier ring; `UNREACHABLE` for others."""
+    if row < 0 or column < 0 or row >= values.shape[1] or column >= values.shape[2]:
+        return UNREACHABLE
+    flags = kinds[world, row, column]
+    if (flags & _REACHED) != 0 or (flags >= _EXTENDED and flags < _EXTENDED + ring):
+        return values[world, row, column]
+    return UNREACHABLE
+
+
+@wp.kernel
+def _extend(
+    mask: wp.array[wp.bool],
+    ring: int,
+    lanes: int,
+    # Out
+    field: Field,
+    kinds: wp.array3d[int],
+):
+    """Give blocked cells beside settled ones a value: the robot's own point may be there, its front is near.
+
+    So do the border's, but not farther than its corners.
+    """
+    world, lane = wp.tid()
+    if not mask[world]:
+        return
+    for row in range(lane, field.values.shape[1], lanes):
+        for column in range(field.values.shape[2]):
+            flags = kinds[world, row, column]
+            kind = flags & KIND
+            if kind == BLOCKED or (kind < BLOCKED and (flags & BORDER) != 0 and ring < 2):
+                if flags < _REACHED:
+                    a = wp.min(
+                        _settled(field.values, kinds, world, row, column - 1, ring),
+                        _settled(field.values, kinds, world, row, column + 1, ring),
+                    )
+                    b = wp.min(
+                        _settled(field.values, kinds, world, row - 1, column, ring),
+                        _settled(field.values, kinds, world, row + 1, column, ring),
+                    )
+                    if wp.min(a, b) < UNREACHABLE:
+                        slowness = wp.where(kind == FREE, 1.0, _SLOWNESS)
+                        field.values[world, row, column] = _upwind(a, b, slowness * field.cell)
+                        kinds[world, row, column] = _EXTENDED + ring
+
+
+def solve_distance_field(
+    obstacles: Obstacles,
+    goal: wp.array,
+    mask: wp.array,
+    field: Field,
+    *,
+    kinds: wp.array,
+    queue: wp.array,
+    ceiling: float,
+    clearance: float,
+    blocked: float,
+    rings: int,
+) -> None:
+    """Compute the fields of the masked worlds; graph-safe, the scalars are frozen by a capture.
+
+    Args:
+        obstacles: Obstacle slots, shape (nworld, nslot); inactive ones do not count.
+        goal: Where ways end [m], shape (nworld,), vec2. If it is outside the grid or inside an obstacle, no
+            cell reaches it.
+        mask: Worlds to compute, shape (nworld,), bool; the others' fields stay.
+        field: Its ``values`` and ``goal`` are written.
+        kinds: Scratch, what each cell is, shape (nworld, ny, nx), int32.
+        queue: Scratch, shape (nworld, ny * nx), int32.
+        ceiling: Obstacles whose bottom is not below do not count [m].
+        clearance: Nearer to obstacles a way costs 4 times its length [m].
+        blocked: Nearer no way leads through [m]; at least half a cell, or ways lead through thin walls.
+        rings: Cells from passable ones up to which the others get values, at most `MAX_RINGS`.
+    """
+    nworld, rows, columns = field.values.shape
+    lanes = _CUDA_LANES if mask.device.is_cuda else 1
+    prepare_cells(
+        obstacles,
+        goal,
+        mask,
+        field,
+        kinds=kinds,
+        ceiling=ceiling,
+        clearance=clearance,
+        blocked=blocked,
+        lanes=lanes,
+    )
+    flat = (nworld, rows * columns)
+    wp.launch(
+        _spread,
+        dim=nworld,
+        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue],
+        device=mask.device,
+    )
+    for ring in range(rings):
+        wp.launch(
+            _extend,
+            dim=(nworld, lanes),
+            inputs=[mask, ring, lanes],
+            outputs=[field, kinds],
+            device=mask.device,
+        )
