@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import warp as wp
@@ -13,7 +12,7 @@ import warp as wp
 from spin_rl.scenes.layout import Scene
 from spin_rl.warp_kernels.distance_field.field import Field
 from spin_rl.warp_kernels.distance_field.solve import MAX_RINGS, solve_distance_field
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import SlotArrays, slots_of
 
 BASE_HALF_WIDTH_M = 0.182
 """What must fit through a passage on either side of the base's point."""
@@ -90,16 +89,6 @@ class GridSpec:
         return GridSpec(int(nx), int(ny), cell, (float(low[0]), float(low[1])))
 
 
-class Slots(Protocol):
-    """Arrays that describe the obstacle slots of all worlds, as in `spin_rl.scenes.layout.Layout`."""
-
-    pos: wp.array
-    yaw: wp.array
-    half_size: wp.array
-    active: wp.array
-    is_cylinder: wp.array
-
-
 class DistanceField:
     """The fields of all worlds and the buffers to compute them, allocated once.
 
@@ -110,7 +99,12 @@ class DistanceField:
     """
 
     def __init__(
-        self, slots: Slots, device: str, grid: GridSpec | None = None, *, clearance_m: float = CLEARANCE_M
+        self,
+        slots: SlotArrays,
+        device: str,
+        grid: GridSpec | None = None,
+        *,
+        clearance_m: float = CLEARANCE_M,
     ) -> None:
         """Allocate the buffers and keep references to the arrays that `update` reads.
 
@@ -128,9 +122,7 @@ class DistanceField:
         if clearance_m < grid.blocked_m:
             raise ValueError(f"clearance_m must be at least {grid.blocked_m:.3f}, got {clearance_m}")
         self._clearance = clearance_m
-        self._obstacles = Obstacles()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._obstacles, name, getattr(slots, name))
+        self._obstacles = slots_of(slots)
         nworld = slots.pos.shape[0]
         shape = (nworld, grid.ny, grid.nx)
         self.field = Field()

@@ -5,6 +5,7 @@ import warp as wp
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, Scene
 from spin_rl.scenes.rooms.generator import build_scenes, place_starts
@@ -68,21 +69,14 @@ def ways(scene: Scene) -> np.ndarray:
     return np.where(np.isfinite(far), far, UNREACHABLE_M)
 
 
-def generate(nworld, device, params, *, seed=0, mask=None, layout=None, counter=None) -> Layout:
+def generate(nworld, device, params, *, seed=0, mask=None, layout=None, field=None, counter=None) -> Layout:
     """New scenes with starts."""
     layout = layout or Layout(nworld, params.pool, device)
+    field = field or DistanceField(layout, device)
     arguments = inputs(nworld, device, seed=seed, mask=mask)
     if counter is not None:
         arguments["counter"] = counter
     build_scenes(layout, params, **arguments)
-    distance = np.stack([ways(scene) for scene in layout.scenes()]).astype(np.float32)
-    place_starts(
-        layout,
-        params,
-        distance=wp.array(distance, dtype=float, device=device),
-        origin=(CENTRES[0], CENTRES[0]),
-        cell=CELL_M,
-        unreachable=UNREACHABLE_M,
-        **arguments,
-    )
+    field.update(layout.goal, arguments["mask"])
+    place_starts(layout, params, field.field, **arguments)
     return layout

@@ -6,31 +6,43 @@ import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
 from spin_rl.scenes.corridors.params import ParamsStruct
-from spin_rl.scenes.rooms.geometry import Site, centred
+from spin_rl.scenes.rooms.geometry import Rectangles, Site, middle_of, shifted, with_rectangle
 from spin_rl.scenes.rooms.params import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_walls
 from spin_rl.warp_kernels.slots import Slots
 
 _MAX_LEGS = wp.constant(3)
 
+_NARROW = wp.constant(0.45)
+"""Half the width of dead ends beside a straight corridor [m]."""
+
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Strips:
+    """Straight pieces of corridor, each along a centre line from its beginning in a direction.
+
+    ``lines`` are (x, y, direction x, direction y), ``sizes`` (length, half width, length that obstacles may
+    take, 0).
+    """
+
+    lines: Rectangles
+    sizes: Rectangles
+    count: int
+
+
 @wp.func
-def _with_strip(
-    site: Site, origin: wp.vec2, along: wp.vec2, begin: float, end: float, half_width: float
-) -> Site:
-    """The site and the strip around a centre line ``origin + s * along``, begin <= s <= end."""
-    a = origin + begin * along
-    b = origin + end * along
-    across = half_width * wp.vec2(wp.abs(along[1]), wp.abs(along[0]))
-    low = wp.min(a, b) - across
-    high = wp.max(a, b) + across
-    grown = site
-    rectangles = grown.rectangles
-    rectangles[grown.num_rectangles] = wp.vec4(low[0], low[1], high[0], high[1])
-    grown.rectangles = rectangles
-    grown.num_rectangles = grown.num_rectangles + 1
+def _with_strip(strips: Strips, begin: wp.vec2, along: wp.vec2, size: wp.vec3) -> Strips:
+    """The strips and one more of (length, half width, length that obstacles may take)."""
+    grown = strips
+    lines = grown.lines
+    sizes = grown.sizes
+    lines[grown.count] = wp.vec4(begin[0], begin[1], along[0], along[1])
+    sizes[grown.count] = wp.vec4(size[0], size[1], size[2], 0.0)
+    grown.lines = lines
+    grown.sizes = sizes
+    grown.count = grown.count + 1
     return grown
 
 
@@ -41,94 +53,98 @@ def _rotated(along: wp.vec2, side: float) -> wp.vec2:
 
 
 @wp.func
-def build_corridor(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots) -> Site:
-    """Legs of one width with 0, 1 or 2 corners: straight, L, Z or U; obstacles as in `corridors`."""
-    state = wp.rand_init(seed, 0)
-    width = wp.lerp(p.width, p.easy_width, wp.randf(state))
-    height = wp.lerp(p.wall_height[0], p.wall_height[1], wp.randf(state))
+def _draw_strips(width: float, p: ParamsStruct, q: FamilyStruct, seed: int) -> Strips:
+    """Legs with 0, 1 or 2 corners, and dead ends; each leg owns the corner at its end."""
+    state = wp.rand_init(seed, 1)
     few = q.corridor_corners[0]
-    corners = wp.min(
-        few + int(float(q.corridor_corners[1] - few + 1) * wp.randf(state)), q.corridor_corners[1]
-    )
-    per_m = wp.lerp(q.corridor_obstacles_per_m[0], q.corridor_obstacles_per_m[1], wp.randf(state))
+    most = q.corridor_corners[1]
+    corners = wp.min(few + int(float(most - few + 1) * wp.randf(state)), most)
     side = wp.where(wp.randf(state) < 0.5, -1.0, 1.0)
     is_u = wp.randf(state) < 0.5
     h = 0.5 * width
-
-    # Legs run from corner to corner; each owns the corner at its end, the next begins beside it.
-    now = site
+    strips = Strips()
     at = wp.vec2(0.0, 0.0)
     along = wp.vec2(1.0, 0.0)
     for k in range(_MAX_LEGS):
         if k <= corners:
             length = wp.lerp(q.corridor_leg[0], q.corridor_leg[1], wp.randf(state))
+            has_dead_end = wp.randf(state) < q.corridor_dead_end_share
+            dead_end = wp.lerp(q.corridor_dead_end[0], q.corridor_dead_end[1], wp.randf(state))
+            place = wp.randf(state)
             if corners == 0:
                 length = 2.0 * length
+                if has_dead_end:
+                    # Beside a straight corridor.
+                    beside = at + wp.lerp(0.25, 0.75, place) * length * along + h * _rotated(along, side)
+                    strips = _with_strip(
+                        strips, beside, _rotated(along, side), wp.vec3(dead_end, _NARROW, 0.0)
+                    )
             if k == 1 and corners == 2:
-                # Room for walls and dead ends between the first leg and the third.
-                length = wp.max(length, 2.0 * width + p.wall_thickness + 0.1)
-            begin = wp.where(k == 0, -h, h)
-            now = _with_strip(now, at, along, begin, length + h, h)
-            at += length * along
-            spur = wp.randf(state) < q.corridor_dead_end_share
-            spur_length = wp.lerp(q.corridor_dead_end[0], q.corridor_dead_end[1], wp.randf(state))
-            place = wp.randf(state)
-            if spur and corners == 0:
-                # Beside a straight corridor.
-                beside = at - wp.lerp(0.25, 0.75, place) * length * along
-                now = _with_strip(now, beside, _rotated(along, side), h, h + spur_length, 0.45)
+                # Room for walls between the first leg and the third.
+                length = wp.max(length, width + p.wall_thickness + 0.1)
+            usable = wp.where(k < corners, length - p.corner_clearance, length + width)
+            strips = _with_strip(strips, at, along, wp.vec3(length + width, h, usable))
+            at += (length + width) * along
             if k < corners:
-                if spur:
+                if has_dead_end:
                     # Straight on at the corner.
-                    now = _with_strip(now, at, along, h, h + spur_length, h)
-                turn = side
-                if k == 1 and not is_u:
-                    turn = -side
+                    strips = _with_strip(strips, at, along, wp.vec3(dead_end, h, 0.0))
+                # The next leg begins beside the corner.
+                turn = wp.where(k == 1 and not is_u, -side, side)
+                at -= h * along
                 along = _rotated(along, turn)
-    now = centred(now)
-    now = put_walls(world, p.wall_thickness, height, now, slots)
-    return _put_obstacles(world, per_m, width, p, seed, now, slots)
+                at += h * along
+    return strips
 
 
 @wp.func
-def _put_obstacles(
-    world: int, per_m: float, width: float, p: ParamsStruct, seed: int, site: Site, slots: Slots
-) -> Site:
-    """Obstacles in every strip, clear of its ends by half the width, where another one may join."""
+def build_corridor(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots) -> Site:
+    """A corridor of one width: straight, L, Z or U, with obstacles as in `corridors`."""
+    state = wp.rand_init(seed, 0)
+    width = wp.lerp(p.width, p.easy_width, wp.randf(state))
+    height = wp.lerp(p.wall_height[0], p.wall_height[1], wp.randf(state))
+    per_m = wp.lerp(q.corridor_obstacles_per_m[0], q.corridor_obstacles_per_m[1], wp.randf(state))
+    strips = _draw_strips(width, p, q, seed)
+    now = site
+    for i in range(strips.count):
+        line = strips.lines[i]
+        begin = wp.vec2(line[0], line[1])
+        along = wp.vec2(line[2], line[3])
+        end = begin + strips.sizes[i, 0] * along
+        across = strips.sizes[i, 1] * wp.vec2(wp.abs(along[1]), wp.abs(along[0]))
+        low = wp.min(begin, end) - across
+        high = wp.max(begin, end) + across
+        now = with_rectangle(now, low[0], low[1], high[0], high[1])
+    middle = middle_of(now)
+    now = shifted(now, -middle)
+    now = put_walls(world, p.wall_thickness, height, now, slots)
+
     used = Used()
     used.boxes = 0
     used.cylinders = 0
     used.obstacles = 0
-    for i in range(site.num_rectangles):
-        r = site.rectangles[i]
+    for i in range(strips.count):
+        line = strips.lines[i]
         stretch = Stretch()
-        size = wp.vec2(r[2] - r[0], r[3] - r[1])
-        stretch.along = wp.vec2(1.0, 0.0)
-        stretch.origin = wp.vec2(r[0], 0.5 * (r[1] + r[3]))
-        length = size[0]
-        if size[1] > size[0]:
-            stretch.along = wp.vec2(0.0, 1.0)
-            stretch.origin = wp.vec2(0.5 * (r[0] + r[2]), r[1])
-            length = size[1]
+        stretch.origin = wp.vec2(line[0], line[1]) - middle
+        stretch.along = wp.vec2(line[2], line[3])
         stretch.width = width
-        stretch.begin = width + p.corner_clearance
-        stretch.end = length - width - p.corner_clearance
+        stretch.begin = p.same_side_gap
+        stretch.end = strips.sizes[i, 2] - p.same_side_gap
         stretch.first_side = 0.0
-        draw = wp.rand_init(seed, 10 + i)
-        wanted = int(per_m * (stretch.end - stretch.begin) + wp.randf(draw))
-        if wp.min(size[0], size[1]) > width - 1.0e-3 and stretch.end - stretch.begin > 0.4:
+        room = stretch.end - stretch.begin
+        if room > 0.5:
             used = place_obstacles(
                 world,
-                wanted,
+                int(per_m * room + wp.randf(state)),
                 stretch,
                 p,
-                int(wp.rand_init(seed, 20 + i)),
+                int(wp.rand_init(seed, 10 + i)),
                 used,
-                site.first_box,
-                site.first_cylinder,
+                now.first_box,
+                now.first_cylinder,
                 slots,
             )
-    now = site
     now.boxes = used.boxes
     now.cylinders = used.cylinders
     now.obstacles = used.obstacles

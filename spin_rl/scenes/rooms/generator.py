@@ -27,6 +27,7 @@ from spin_rl.scenes.rooms.placement import (
     wall_between,
 )
 from spin_rl.scenes.rooms.room import build_doorway, build_room
+from spin_rl.warp_kernels.distance_field.field import Field, cell_centre, field_at
 from spin_rl.warp_kernels.slots import Slots, slots_of
 
 _CORRIDOR = wp.constant(FAMILIES.index("corridor"))
@@ -40,6 +41,12 @@ _HALF_OPEN = wp.constant(HALF_SQUARE_M - 0.4)
 
 _ROOMY = wp.constant(0.6)
 """More clearance than this makes no spot better [m]."""
+
+_IN_HALL = wp.constant(0.7)
+"""Share of a crossing's goals in its hall, the lanes' share of the rest not counted."""
+
+_FAR = wp.constant(0.6)
+"""How much of the range of ways the least one asked for can take."""
 
 _STRIDE = wp.constant(7)
 """Where every drawn start fails, every so many cells of the field is tried."""
@@ -96,11 +103,8 @@ def build_scenes(
 def place_starts(
     layout: Layout,
     params: FamilyParams,
+    field: Field,
     *,
-    distance: wp.array,
-    origin: tuple[float, float],
-    cell: float,
-    unreachable: float,
     seed: wp.array,
     counter: wp.array,
     mask: wp.array,
@@ -110,10 +114,7 @@ def place_starts(
     Args:
         layout: Scenes of `build_scenes`; `start`, `start_joints` and `way_m` are the output.
         params: Length of the way, clearance and joints at the start.
-        distance: Length of the way to the goal from every cell [m], shape (nworld, ny, nx).
-        origin: Position of the first cell's centre [m].
-        cell: Side of a cell [m].
-        unreachable: From this distance on there is no way [m].
+        field: Ways to the goals of the masked worlds.
         seed: Random seed, shape (1,), int32.
         counter: Scenes drawn so far, the present ones included, shape (nworld,), int32.
         mask: Worlds to write, shape (nworld,), bool.
@@ -123,11 +124,9 @@ def place_starts(
         dim=layout.nworld,
         inputs=[
             params_struct(params),
-            wp.vec2(params.way[0], min(params.way[1], unreachable)),
+            wp.vec2(*params.way),
             layout.pool.first_box,
-            distance,
-            wp.vec2(*origin),
-            cell,
+            field,
             seed,
             counter,
             mask,
@@ -195,24 +194,16 @@ def _build(
         site = build_crossing(world, p, q, inner, site, slots, track)
     if site.num_rectangles == 0:
         site = with_rectangle(site, -_HALF_OPEN, -_HALF_OPEN, _HALF_OPEN, _HALF_OPEN)
-    goal_out[world] = draw_goal(world, p.goal_clearance, int(wp.rand_init(stream, 2)), site, slots, track)
+    # What crosses a hall matters most to those who drive along it.
+    first_share = wp.where(family == _CROSSING, _IN_HALL, 0.0)
+    goal_out[world] = draw_goal(
+        world, p.goal_clearance, first_share, int(wp.rand_init(stream, 2)), site, slots, track
+    )
     family_out[world] = family
     bend_out[world] = 0
     scenario_out[world] = 1
     difficulty_out[world] = 0
     num_obstacles_out[world] = site.obstacles
-
-
-@wp.func
-def _way_at(
-    world: int, x: float, y: float, distance: wp.array3d(dtype=float), origin: wp.vec2, cell: float
-) -> float:
-    """Length of the way from the cell of a spot; negative outside of the field."""
-    column = int(wp.round((x - origin[0]) / cell))
-    row = int(wp.round((y - origin[1]) / cell))
-    if row < 0 or column < 0 or row >= distance.shape[1] or column >= distance.shape[2]:
-        return -1.0
-    return distance[world, row, column]
 
 
 @wp.kernel
@@ -222,9 +213,7 @@ def _place(
     way: wp.vec2,
     first_box: int,
     # In
-    distance: wp.array3d(dtype=float),
-    origin: wp.vec2,
-    cell: float,
+    field: Field,
     seed: wp.array(dtype=wp.int32),
     counter: wp.array(dtype=wp.int32),
     mask: wp.array(dtype=bool),
@@ -246,6 +235,10 @@ def _place(
     bounds = floor_bounds(world, first_box, _HALF_OPEN, slots)
     joints = draw_joints(p, joints_seed, 0)
     start = wp.vec3(0.0, 0.0, 0.0)
+    # Asked for at first: half of the worlds get ways from a length on, half up to one.
+    wanted = wp.vec2(way[0], wp.lerp(way[0] + 0.5, way[1], wp.randf(state)))
+    if wp.randf(state) < 0.5:
+        wanted = wp.vec2(wp.lerp(way[0], way[1], _FAR * wp.randf(state)), way[1])
     found = bool(False)
     best = goal[world]
     most = float(-1.0)
@@ -254,11 +247,15 @@ def _place(
             x = wp.lerp(bounds[0], bounds[2], wp.randf(state))
             y = wp.lerp(bounds[1], bounds[3], wp.randf(state))
             yaw = wp.pi * (2.0 * wp.randf(state) - 1.0)
-            far = _way_at(world, x, y, distance, origin, cell)
+            far = field_at(field, world, x, y)
             fits = far >= way[0] and far < way[1]
-            # In rooms with doorways the goal shall lie behind a wall.
-            if fits and family[world] == _DOORWAY and 2 * attempt < p.start_tries:
-                fits = wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
+            if fits and 2 * attempt < p.start_tries:
+                # In rooms with doorways the goal shall lie behind a wall, in a crossing on the same side.
+                fits = far >= wanted[0] and far < wanted[1]
+                if family[world] == _DOORWAY:
+                    fits = fits and wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
+                if family[world] == _CROSSING:
+                    fits = fits and not wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
             if fits and is_calm(world, x, y, slots, track):
                 joints = draw_joints(p, joints_seed, attempt)
                 start = wp.vec3(x, y, yaw)
@@ -269,27 +266,29 @@ def _place(
                         most = room
                         best = wp.vec2(x, y)
     if not found:
-        cells = distance.shape[1] * distance.shape[2]
+        columns = field.values.shape[2]
+        cells = field.values.shape[1] * columns
         for i in range(cells // _STRIDE):
-            if most < 0.5 * _ROOMY:
-                row = i * _STRIDE // distance.shape[2]
-                column = i * _STRIDE - row * distance.shape[2]
-                far = distance[world, row, column]
+            if most < _ROOMY:
+                row = i * _STRIDE // columns
+                column = i * _STRIDE - row * columns
+                far = field.values[world, row, column]
                 if far >= way[0] and far < way[1]:
-                    x = origin[0] + cell * float(column)
-                    y = origin[1] + cell * float(row)
-                    room = spot_clearance(world, x, y, _ROOMY, slots)
-                    if room > most and is_calm(world, x, y, slots, track):
+                    spot = cell_centre(field, world, column, row)
+                    room = spot_clearance(world, spot[0], spot[1], _ROOMY, slots)
+                    if room > most and is_calm(world, spot[0], spot[1], slots, track):
                         most = room
-                        best = wp.vec2(x, y)
+                        best = spot
         stowed = p.stowed
         # The camera looks anywhere in any case: it moves within the head's disc.
         for j in range(6, 8):
             stowed[j] = joints[j]
         joints = stowed
-        turned = turned_clear(world, best, joints, wp.pi * (2.0 * wp.randf(state) - 1.0), 0.0, slots)
+        turned = turned_clear(
+            world, best, joints, wp.pi * (2.0 * wp.randf(state) - 1.0), p.start_clearance, slots
+        )
         start = wp.vec3(turned[0], turned[1], turned[2])
     start_out[world] = start
     for j in range(8):
         start_joints_out[world, j] = joints[j]
-    way_out[world] = wp.max(_way_at(world, start[0], start[1], distance, origin, cell), 0.0)
+    way_out[world] = field_at(field, world, start[0], start[1])

@@ -59,19 +59,24 @@ def with_reserved(site: Site, low_x: float, low_y: float, high_x: float, high_y:
 
 
 @wp.func
-def centred(site: Site) -> Site:
-    """The site, nothing on it yet, moved so that its floor's bounding rectangle is around the origin."""
+def middle_of(site: Site) -> wp.vec2:
+    """Centre of the bounding rectangle of the floor [m]."""
     low = wp.vec2(1.0e6, 1.0e6)
     high = wp.vec2(-1.0e6, -1.0e6)
     for i in range(site.num_rectangles):
         r = site.rectangles[i]
         low = wp.min(low, wp.vec2(r[0], r[1]))
         high = wp.max(high, wp.vec2(r[2], r[3]))
-    middle = 0.5 * (low + high)
+    return 0.5 * (low + high)
+
+
+@wp.func
+def shifted(site: Site, by: wp.vec2) -> Site:
+    """A site with nothing on it yet, its floor moved."""
     moved = site
     rectangles = moved.rectangles
     for i in range(site.num_rectangles):
-        rectangles[i] = rectangles[i] - wp.vec4(middle[0], middle[1], middle[0], middle[1])
+        rectangles[i] = rectangles[i] + wp.vec4(by[0], by[1], by[0], by[1])
     moved.rectangles = rectangles
     return moved
 

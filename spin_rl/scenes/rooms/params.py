@@ -48,7 +48,7 @@ class FurnitureParams:
         empty_share: Share of worlds without any.
     """
 
-    density: tuple[float, float] = (0.0, 0.4)
+    density: tuple[float, float] = (0.0, 0.8)
     empty_share: float = 0.1
 
 
@@ -66,7 +66,7 @@ class CorridorParams:
 
     corners: tuple[int, int] = (0, 2)
     leg: tuple[float, float] = (2.4, 4.0)
-    obstacles_per_m: tuple[float, float] = (0.0, 1.0)
+    obstacles_per_m: tuple[float, float] = (0.0, 1.2)
     dead_end_share: float = 0.4
     dead_end: tuple[float, float] = (0.7, 1.5)
 

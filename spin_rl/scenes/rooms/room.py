@@ -6,7 +6,7 @@ import warp as wp
 
 from spin_rl.scenes.corridors.params import ParamsStruct
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
-from spin_rl.scenes.rooms.geometry import Site, centred, with_rectangle, with_reserved
+from spin_rl.scenes.rooms.geometry import Site, middle_of, shifted, with_rectangle, with_reserved
 from spin_rl.scenes.rooms.params import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_partition, put_walls
 from spin_rl.warp_kernels.slots import Slots
@@ -50,14 +50,15 @@ def build_room(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Si
         # In a corner of the room or in the middle of its side.
         begin = 0.5 * (y - wing[1]) * float(wp.min(int(3.0 * wp.randf(state)), 2))
         now = with_rectangle(now, x, begin, x + wing[0], begin + wing[1])
-    now = put_walls(world, p.wall_thickness, height, centred(now), slots)
+    now = shifted(now, -middle_of(now))
+    now = put_walls(world, p.wall_thickness, height, now, slots)
     return _furnish_all(world, q, seed, now, slots)
 
 
 @wp.func
-def _draw_door(state_u: float, state_v: float, low: float, high: float, q: FamilyStruct) -> wp.vec2:
-    width = wp.lerp(q.doorway_door_width[0], q.doorway_door_width[1], state_u)
-    begin = wp.lerp(low + _BESIDE_DOOR, high - _BESIDE_DOOR - width, state_v)
+def _draw_door(u: float, v: float, low: float, high: float, q: FamilyStruct) -> wp.vec2:
+    width = wp.lerp(q.doorway_door_width[0], q.doorway_door_width[1], u)
+    begin = wp.lerp(low + _BESIDE_DOOR, high - _BESIDE_DOOR - width, v)
     return wp.vec2(begin, begin + width)
 
 
