@@ -18,7 +18,7 @@ _MAX_STATIONS = wp.constant(3)
 _LEAST_REACH = wp.constant(0.3)
 """How far into the hall a mover comes at least [m]."""
 
-_BESIDE = wp.constant(0.3)
+_BESIDE = wp.constant(0.1)
 """Floor beside an opening where nothing may be put [m]."""
 
 wp.set_module_options({"enable_backward": False})
@@ -108,7 +108,8 @@ def build_crossing(
             most_reach = 2.0 * half_width - q.gap
             if sides > 0.667:
                 most_reach = 0.5 * most_reach
-            now = with_reserved(now, begin - _BESIDE, -outer, end + _BESIDE, outer)
+            free = wp.max(0.5 * opening + _BESIDE, q.crossing_half_size[1] + q.gap)
+            now = with_reserved(now, middle - free, -outer, middle + free, outer)
             if sides < 0.333 or sides > 0.667:
                 now = put_wall(
                     world, wp.vec2(left, half_width), wp.vec2(begin, half_width + t), height, now, slots
@@ -156,4 +157,12 @@ def build_crossing(
     density = draw_density(q, wp.randf(furniture), wp.randf(furniture))
     for i in range(now.num_rectangles):
         now = furnish(world, i, density, q, int(wp.rand_init(seed, 2 + i)), now, slots)
+    # Whoever crosses may stand in an opening: start and goal are in the hall.
+    now.num_rectangles = 1
     return now
+
+
+@wp.func
+def half_width_of_hall(world: int, slots: Slots) -> float:
+    """Half the width of a crossing's hall [m]: its walls come after the four around everything."""
+    return wp.abs(slots.pos[world, 4][1]) - slots.half_size[world, 4][1]

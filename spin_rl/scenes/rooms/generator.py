@@ -14,7 +14,7 @@ from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout
 from spin_rl.scenes.motion import Track, track_of
 from spin_rl.scenes.rooms.corridor import build_corridor
-from spin_rl.scenes.rooms.crossing import build_crossing
+from spin_rl.scenes.rooms.crossing import build_crossing, half_width_of_hall
 from spin_rl.scenes.rooms.field import build_field
 from spin_rl.scenes.rooms.geometry import Site, spot_clearance, with_rectangle
 from spin_rl.scenes.rooms.params import HALF_SQUARE_M, FamilyParams, FamilyStruct, family_struct
@@ -41,9 +41,6 @@ _HALF_OPEN = wp.constant(HALF_SQUARE_M - 0.4)
 
 _ROOMY = wp.constant(0.6)
 """More clearance than this makes no spot better [m]."""
-
-_IN_HALL = wp.constant(0.7)
-"""Share of a crossing's goals in its hall, the lanes' share of the rest not counted."""
 
 _FAR = wp.constant(0.6)
 """How much of the range of ways the least one asked for can take."""
@@ -194,11 +191,7 @@ def _build(
         site = build_crossing(world, p, q, inner, site, slots, track)
     if site.num_rectangles == 0:
         site = with_rectangle(site, -_HALF_OPEN, -_HALF_OPEN, _HALF_OPEN, _HALF_OPEN)
-    # What crosses a hall matters most to those who drive along it.
-    first_share = wp.where(family == _CROSSING, _IN_HALL, 0.0)
-    goal_out[world] = draw_goal(
-        world, p.goal_clearance, first_share, int(wp.rand_init(stream, 2)), site, slots, track
-    )
+    goal_out[world] = draw_goal(world, p.goal_clearance, int(wp.rand_init(stream, 2)), site, slots, track)
     family_out[world] = family
     bend_out[world] = 0
     scenario_out[world] = 1
@@ -233,6 +226,9 @@ def _place(
     joints_seed = int(wp.rand_init(stream, 4))
     state = wp.rand_init(stream, 3)
     bounds = floor_bounds(world, first_box, _HALF_OPEN, slots)
+    if family[world] == _CROSSING:
+        hall = half_width_of_hall(world, slots)
+        bounds = wp.vec4(bounds[0], -hall, bounds[2], hall)
     joints = draw_joints(p, joints_seed, 0)
     start = wp.vec3(0.0, 0.0, 0.0)
     # Asked for at first: half of the worlds get ways from a length on, half up to one.
@@ -250,12 +246,10 @@ def _place(
             far = field_at(field, world, x, y)
             fits = far >= way[0] and far < way[1]
             if fits and 2 * attempt < p.start_tries:
-                # In rooms with doorways the goal shall lie behind a wall, in a crossing on the same side.
                 fits = far >= wanted[0] and far < wanted[1]
+                # In rooms with doorways the goal shall lie behind a wall.
                 if family[world] == _DOORWAY:
                     fits = fits and wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
-                if family[world] == _CROSSING:
-                    fits = fits and not wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
             if fits and is_calm(world, x, y, slots, track):
                 joints = draw_joints(p, joints_seed, attempt)
                 start = wp.vec3(x, y, yaw)
@@ -273,8 +267,8 @@ def _place(
                 row = i * _STRIDE // columns
                 column = i * _STRIDE - row * columns
                 far = field.values[world, row, column]
-                if far >= way[0] and far < way[1]:
-                    spot = cell_centre(field, world, column, row)
+                spot = cell_centre(field, world, column, row)
+                if far >= way[0] and far < way[1] and spot[1] > bounds[1] and spot[1] < bounds[3]:
                     room = spot_clearance(world, spot[0], spot[1], _ROOMY, slots)
                     if room > most and is_calm(world, spot[0], spot[1], slots, track):
                         most = room

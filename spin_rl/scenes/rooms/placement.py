@@ -30,21 +30,14 @@ def is_calm(world: int, x: float, y: float, slots: Slots, track: Track) -> bool:
 
 
 @wp.func
-def draw_goal(
-    world: int, clearance: float, first_share: float, seed: int, site: Site, slots: Slots, track: Track
-) -> wp.vec2:
-    """A random spot on the floor with the clearance, or the one with most of it that was drawn.
-
-    A share of goals is in the floor's first rectangle, the others in any.
-    """
+def draw_goal(world: int, clearance: float, seed: int, site: Site, slots: Slots, track: Track) -> wp.vec2:
+    """A random spot on the floor with the clearance, or the one with most of it that was drawn."""
     state = wp.rand_init(seed, 0)
     best = wp.vec2(0.0, 0.0)
     most = float(-1.0)
     for _try in range(_TRIES):
         if most < clearance:
             i = wp.min(int(float(site.num_rectangles) * wp.randf(state)), site.num_rectangles - 1)
-            if wp.randf(state) < first_share:
-                i = 0
             r = site.rectangles[i]
             x = wp.lerp(r[0], r[2], wp.randf(state))
             y = wp.lerp(r[1], r[3], wp.randf(state))
