@@ -1,20 +1,13 @@
-"""Scenes of families, ways to the goal by SciPy, and NumPy views of them, shared by the tests of families."""
+"""Scenes of families and distances in them by NumPy, shared by the tests of families."""
 
 import numpy as np
 import warp as wp
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, Scene
 from spin_rl.scenes.rooms.generator import build_scenes, place_starts
-from spin_rl.scenes.rooms.params import HALF_SQUARE_M, FamilyParams, Shares
-
-CELL_M = 0.1
-UNREACHABLE_M = 1.0e6
-ROBOT_RADIUS_M = 0.3
-CENTRES = -HALF_SQUARE_M + CELL_M * (np.arange(round(2 * HALF_SQUARE_M / CELL_M)) + 0.5)
+from spin_rl.scenes.rooms.params import FamilyParams, Shares
 
 
 def only(family: str, **parameters) -> FamilyParams:
@@ -47,26 +40,6 @@ def distances(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         across = np.abs(c * dy - s * dx) - scene.half_size[slot, 1]
         nearest = np.minimum(nearest, np.hypot(np.maximum(along, 0), np.maximum(across, 0)))
     return nearest
-
-
-def ways(scene: Scene) -> np.ndarray:
-    """Length of the way from every cell to the goal for a round robot [m], shape (ny, nx)."""
-    free = distances(scene, CENTRES[None, :], CENTRES[:, None]) > ROBOT_RADIUS_M
-    nodes = np.arange(free.size).reshape(free.shape)
-    rows, columns, lengths = [], [], []
-    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
-        a = (slice(max(0, -dy), len(free) - max(0, dy)), slice(0, len(free) - dx))
-        b = (slice(max(0, dy), len(free) + min(0, dy)), slice(dx, len(free)))
-        keep = free[a] & free[b]
-        rows.append(nodes[a][keep])
-        columns.append(nodes[b][keep])
-        lengths.append(np.full(keep.sum(), CELL_M * np.hypot(dx, dy)))
-    graph = coo_matrix((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))))
-    graph.resize(free.size, free.size)
-    offset = np.hypot(CENTRES[None, :] - scene.goal[0], CENTRES[:, None] - scene.goal[1])
-    goal = int(np.argmin(np.where(free, offset, np.inf)))
-    far = dijkstra(graph.tocsr(), directed=False, indices=goal).reshape(free.shape)
-    return np.where(np.isfinite(far), far, UNREACHABLE_M)
 
 
 def generate(nworld, device, params, *, seed=0, mask=None, layout=None, field=None, counter=None) -> Layout:
