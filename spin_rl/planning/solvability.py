@@ -1,7 +1,7 @@
 """How many generated scenes have a way through: one line per benchmark cell or per family.
 
-Run ``python -m spin_rl.planning.solvability --layouts 1000``, for families with ``--scene mixture``. Obstacles
-that move are looked at where they reach farthest.
+Run ``python -m spin_rl.planning.solvability --layouts 1000``, for families with ``--scene mixture``. What
+moves is looked at where it reaches farthest.
 """
 
 from __future__ import annotations

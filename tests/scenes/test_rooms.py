@@ -162,13 +162,23 @@ def test_no_gap_is_too_narrow_for_the_robot_and_leads_somewhere(name, device):
     grid = np.arange(-HALF_SQUARE_M, HALF_SQUARE_M, 0.05)
     for scene in generate(12, device, only(name), seed=8).scenes():
         away = distances(scene, grid[None, :], grid[:, None])
-        if name == "crossing":  # movers may stand in openings: what counts is the hall
-            away[np.abs(grid) > abs(scene.pos[4, 1])] = 0.0
+        if name == "crossing":  # movers may stand in openings: the hall counts
+            away[np.abs(grid) > abs(scene.pos[4, 1]) - scene.half_size[4, 1] - 0.27] = 0.0
         narrow, _ = ndimage.label(away > 0.12)
         wide, count = ndimage.label(away > 0.27)
         assert count >= 1
         within = {region: set(wide[(narrow == region) & (wide > 0)]) for region in range(1, narrow.max() + 1)}
         assert all(len(regions) <= 1 for regions in within.values())
+
+
+@pytest.mark.parametrize("name", ["corridor", "room", "doorway", "crossing"])
+def test_walls_leave_no_way_out(name, device):
+    grid = np.arange(-HALF_SQUARE_M, HALF_SQUARE_M + 0.05, 0.05)
+    for scene in generate(40, device, only(name), seed=12).scenes():
+        scene.active[~scene.is_wall] = False
+        region, _ = ndimage.label(distances(scene, grid[None, :], grid[:, None]) > 0.03)
+        row, column = np.searchsorted(grid, scene.goal[::-1])
+        assert region[row, column] > 0 and region[row, column] not in (region[0, 0], region[-1, -1])
 
 
 @pytest.mark.parametrize("name", ["room", "doorway"])
