@@ -25,8 +25,9 @@ from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.scenes.rooms.generator import build_scenes, place_starts
+from spin_rl.scenes.rooms.generator import build_scenes
 from spin_rl.scenes.rooms.params import FamilyParams, Shares, scene_class
+from spin_rl.scenes.rooms.start import place_starts
 
 CELLS = tuple((scenario, i) for scenario in SCENARIOS for i in range(len(DIFFICULTIES)))
 

@@ -6,8 +6,9 @@ import warp as wp
 from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, Scene
-from spin_rl.scenes.rooms.generator import build_scenes, place_starts
+from spin_rl.scenes.rooms.generator import build_scenes
 from spin_rl.scenes.rooms.params import FamilyParams, Shares
+from spin_rl.scenes.rooms.start import place_starts
 
 
 def only(family: str, **parameters) -> FamilyParams:

@@ -21,7 +21,7 @@ from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, PoolSpec
-from spin_rl.scenes.rooms.generator import build_scenes, place_starts
+from spin_rl.scenes.rooms.generator import build_scenes
 from spin_rl.scenes.rooms.params import (
     HALF_SQUARE_M,
     CrossingParams,
@@ -30,6 +30,7 @@ from spin_rl.scenes.rooms.params import (
     Shares,
     scene_class,
 )
+from spin_rl.scenes.rooms.start import place_starts
 
 PARAMS = FamilyParams()
 NUM_WORLDS = 200

@@ -6,7 +6,7 @@ import warp as wp
 
 from spin_rl.scenes.rooms.furniture import draw_piece, put_piece
 from spin_rl.scenes.rooms.geometry import ROBOT_TOP, Site, rectangles_near
-from spin_rl.scenes.rooms.params import FamilyStruct
+from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.warp_kernels.slots import Slots
 
 TOUCH = wp.constant(0.02)

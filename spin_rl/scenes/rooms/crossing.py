@@ -8,7 +8,7 @@ from spin_rl.scenes.corridors.params import ParamsStruct
 from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, with_rectangle, with_reserved
-from spin_rl.scenes.rooms.params import FamilyStruct
+from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_wall, put_walls
 from spin_rl.warp_kernels.slots import Slots, put_slot
 

@@ -8,7 +8,7 @@ from spin_rl.scenes.corridors.clutter import draw_heights
 from spin_rl.scenes.corridors.params import ParamsStruct
 from spin_rl.scenes.rooms.arrange import place_is_free
 from spin_rl.scenes.rooms.geometry import Site
-from spin_rl.scenes.rooms.params import FamilyStruct
+from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _TRIES = wp.constant(12)

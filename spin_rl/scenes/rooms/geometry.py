@@ -4,11 +4,19 @@
 
 import warp as wp
 
+from spin_rl.scenes.motion import Track
+from spin_rl.scenes.rooms.params import HALF_SQUARE_M
 from spin_rl.warp_kernels.slots import Slots
 
 MAX_RECTANGLES = wp.constant(6)
 ROBOT_TOP = wp.constant(1.45)
 """What hangs higher than this [m] is not in the robot's way: it is 1.42 m tall."""
+
+HALF_OPEN = wp.constant(HALF_SQUARE_M - 0.4)
+"""Half the side of the square for start and goal where there are no walls [m]."""
+
+_BESIDE_MOVER = wp.constant(0.5)
+"""What start and goal keep from where something moves [m]: the robot fits, arm stowed."""
 
 Rectangles = wp.types.matrix(shape=(6, 4), dtype=float)
 """Rectangles along the axes, (low x, low y, high x, high y) each."""
@@ -140,3 +148,15 @@ def sweep_distance(x: float, y: float, home: wp.vec3, retreat: wp.vec2) -> float
     dy = y - home[1]
     t = wp.clamp((dx * retreat[0] + dy * retreat[1]) / wp.max(wp.length_sq(retreat), 1.0e-9), 0.0, 1.0)
     return wp.length(wp.vec2(dx - t * retreat[0], dy - t * retreat[1]))
+
+
+@wp.func
+def is_calm(world: int, x: float, y: float, slots: Slots, track: Track) -> bool:
+    """Whether nothing that moves comes near a spot."""
+    for slot in range(slots.active.shape[1]):
+        if slots.active[world, slot] and track.speed[world, slot] > 0.0:
+            half = slots.half_size[world, slot]
+            away = sweep_distance(x, y, track.home[world, slot], track.retreat[world, slot])
+            if away < _BESIDE_MOVER + wp.length(wp.vec2(half[0], half[1])):
+                return False
+    return True

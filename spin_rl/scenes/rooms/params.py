@@ -1,22 +1,16 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
-"""Parameters of the scene families, on the host and as the struct that their kernels read."""
+"""Parameters of the scene families, with the defaults of the code."""
+
+from __future__ import annotations
 
 import dataclasses
 import math
 from dataclasses import dataclass
-from functools import lru_cache
-
-import warp as wp
 
 from spin_rl.scenes.corridors.params import GeneratorParams
-from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import PoolSpec
 
 HALF_SQUARE_M = 6.0
 """Every scene of a family lies within +- this in x and y."""
-
-vec6 = wp.types.vector(length=6, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -192,7 +186,7 @@ class FamilyParams(GeneratorParams):
             )
         _require(self.gap >= 0.5, f"scene.gap must be at least 0.5 m, got {self.gap}")
         _check_range("way", self.way, 0.2, 20.0)
-        for group in _GROUPS:
+        for group in GROUPS:
             values = getattr(self, group)
             for entry in dataclasses.fields(values):
                 value, name = getattr(values, entry.name), f"{group}.{entry.name}"
@@ -223,7 +217,9 @@ class FamilyParams(GeneratorParams):
         return self.shares.crossing > 0.0 and self.crossing.mover_share > 0.0
 
 
-_GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing")
+GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing")
+"""Nested parameters that are one for all worlds' draws of a family or of furniture."""
+
 _MEANINGLESS = (
     "length", "first_leg", "first_obstacle", "corner_share", "hard_obstacles", "max_distractors",
     "emerging_share", "patrolling_share", "emerging_trigger", "motion_speed", "start_y",
@@ -254,58 +250,6 @@ _LIMITS = {
 def scene_class(values: dict) -> type[GeneratorParams]:
     """Class of a navigation scene's configuration: with `shares` it is one of families."""
     return FamilyParams if "shares" in values else GeneratorParams
-
-
-@wp.struct
-class FamilyStruct:
-    """What `FamilyParams` adds to `GeneratorParams`, as the kernels read it; `shares` are cumulative."""
-
-    shares: vec6
-    way: wp.vec2
-    gap: float
-    furniture_density: wp.vec2
-    furniture_empty_share: float
-    corridor_corners: wp.vec2i
-    corridor_leg: wp.vec2
-    corridor_obstacles_per_m: wp.vec2
-    corridor_dead_end_share: float
-    corridor_dead_end: wp.vec2
-    room_size: wp.vec2
-    room_wing_share: float
-    doorway_length: wp.vec2
-    doorway_width: wp.vec2
-    doorway_door_width: wp.vec2
-    doorway_three_share: float
-    field_things: wp.vec2i
-    field_size: wp.vec2
-    field_floating_share: float
-    crossing_length: wp.vec2
-    crossing_width: wp.vec2
-    crossing_lane: wp.vec2
-    crossing_opening: wp.vec2
-    crossing_mover_share: float
-    crossing_patrolling_share: float
-    crossing_half_size: wp.vec2
-    crossing_trigger: wp.vec2
-    crossing_speed: wp.vec2
-
-
-@lru_cache(maxsize=8)
-def family_struct(params: FamilyParams) -> FamilyStruct:
-    """The kernels' copy of the parameters."""
-    struct = FamilyStruct()
-    shares = [getattr(params.shares, name) for name in FAMILIES]
-    struct.shares = vec6(*(sum(shares[: i + 1]) / sum(shares) for i in range(len(shares))))
-    struct.way = wp.vec2(*params.way)
-    struct.gap = params.gap
-    for group in _GROUPS:
-        values = getattr(params, group)
-        for entry in dataclasses.fields(values):
-            value = getattr(values, entry.name)
-            if isinstance(value, tuple):
-                value = wp.vec2i(*value) if isinstance(value[0], int) else wp.vec2(*value)
-            setattr(struct, f"{group}_{entry.name}", value)
-    return struct
 
 
 def _check_range(name: str, value: tuple[float, float], low: float, high: float) -> None:

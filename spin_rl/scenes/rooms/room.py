@@ -7,7 +7,7 @@ import warp as wp
 from spin_rl.scenes.corridors.params import ParamsStruct
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, middle_of, shifted, with_rectangle, with_reserved
-from spin_rl.scenes.rooms.params import FamilyStruct
+from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_partition, put_walls
 from spin_rl.warp_kernels.slots import Slots
 
