@@ -29,7 +29,8 @@ _CROSSING = wp.constant(FAMILIES.index("crossing"))
 
 _GOAL_TRIES = wp.constant(48)
 
-wp.set_module_options({"enable_backward": False})
+# Unrolled loops with all the furniture inlined in them would take minutes to compile.
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
 def build_scenes(

@@ -27,7 +27,7 @@ _FAR = wp.constant(0.6)
 _STRIDE = wp.constant(7)
 """Where every drawn start fails, every so many cells of the field is tried."""
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
 def place_starts(
