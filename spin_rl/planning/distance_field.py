@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import warp as wp
@@ -14,7 +13,7 @@ from spin_rl.scenes.layout import Scene
 from spin_rl.warp_kernels.distance_field.field import Field
 from spin_rl.warp_kernels.distance_field.solve import MAX_RINGS, solve_distance_field
 from spin_rl.warp_kernels.distance_field.trace import trace_paths
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import SlotArrays, slots_of
 
 BASE_HALF_WIDTH_M = 0.182
 """What must fit through a passage on either side of the base's point."""
@@ -86,16 +85,6 @@ class GridSpec:
         return GridSpec(int(nx), int(ny), cell, (float(low[0] - cell), float(low[1] - cell)))
 
 
-class Slots(Protocol):
-    """Arrays that describe the obstacle slots of all worlds, as in `spin_rl.scenes.layout.Layout`."""
-
-    pos: wp.array
-    yaw: wp.array
-    half_size: wp.array
-    active: wp.array
-    is_cylinder: wp.array
-
-
 class DistanceField:
     """The fields of all worlds and the buffers to compute them, allocated once.
 
@@ -108,7 +97,7 @@ class DistanceField:
 
     def __init__(
         self,
-        slots: Slots,
+        slots: SlotArrays,
         device: str,
         grid: GridSpec | None = None,
         *,
@@ -140,9 +129,7 @@ class DistanceField:
         if self._rings > MAX_RINGS:
             raise ValueError(f"cell_m must be at least {0.11 * blocked:.3f}, got {grid.cell_m}")
         self._clearance, self._blocked = max(clearance_m, blocked), blocked
-        self._obstacles = Obstacles()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
-            setattr(self._obstacles, name, getattr(slots, name))
+        self._obstacles = slots_of(slots)
         nworld = slots.pos.shape[0]
         shape = (nworld, grid.ny, grid.nx)
         self.field = Field()

@@ -10,6 +10,8 @@ Needs the `planner` extra (SciPy).
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -35,6 +37,16 @@ _STEPS = np.array(
 )
 HEADINGS_RAD = np.arctan2(_STEPS[:, 1], _STEPS[:, 0])
 """Yaws of the lattice, shape (24,)."""
+
+
+def _passed(dx: int, dy: int) -> list[tuple[int, int]]:
+    """Cells nearest to the way of a move, with its end as the last one."""
+    points = max(abs(dx), abs(dy))
+    return [(round(i * dx / points), round(i * dy / points)) for i in range(1, points + 1)]
+
+
+_PASSED = [(_passed(dx, dy), _passed(-dx, -dy)) for dx, dy in _STEPS.tolist()]
+"""Of every heading, the moves ahead and back."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +128,18 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
         hit = (columns[:, 1, 2] > centre[2] - half[2]) & (columns[:, 0, 2] < centre[2] + half[2])
         for low, high in _outermost(columns[hit]):
             part_half, part_centre = 0.5 * (high - low)[:2], 0.5 * (high + low)[:2]
-            reach = extent + np.hypot(*part_half) + np.hypot(*part_centre)
-            ix = slice(*np.searchsorted(x, (centre[0] - reach[0], centre[0] + reach[0])))
-            iy = slice(*np.searchsorted(y, (centre[1] - reach[1], centre[1] + reach[1])))
-            if ix.start == ix.stop or iy.start == iy.stop:
-                continue
             for heading, yaw in enumerate(HEADINGS_RAD):
+                # Where the base is when this part of it is over the slot.
+                c, s = np.cos(yaw), np.sin(yaw)
+                middle = centre[:2] - (
+                    c * part_centre[0] - s * part_centre[1],
+                    s * part_centre[0] + c * part_centre[1],
+                )
+                reach = extent + _extent(part_half, yaw)
+                ix = slice(*np.searchsorted(x, (middle[0] - reach[0], middle[0] + reach[0])))
+                iy = slice(*np.searchsorted(y, (middle[1] - reach[1], middle[1] + reach[1])))
+                if ix.start == ix.stop or iy.start == iy.stop:
+                    continue
                 blocked[heading, iy, ix] |= _overlaps(
                     x[None, ix],
                     y[iy, None],
@@ -204,61 +222,60 @@ class _Grid:
 
 
 def _search(grid: _Grid, free: np.ndarray, scene: Scene) -> np.ndarray | None:
-    """Poses of a way through the free poses, or None."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import breadth_first_order
-
+    """Poses of a way through the free poses, or None; those with the fewest cells to go come first."""
     yaw_error = np.abs(np.angle(np.exp(1j * (HEADINGS_RAD - scene.start[2]))))
     # The start itself is clear; its nearest lattice heading may not be.
     heading = next((int(h) for h in np.argsort(yaw_error)[:2] if free[(h, *grid.start)]), None)
     if heading is None:
         return None
+    offset = np.hypot(grid.x[None, :] - scene.goal[0], grid.y[:, None] - scene.goal[1])
+    to_go = _cells_to_go(free.any(axis=0), offset <= GOAL_TOLERANCE_M)
+    start = (heading, *grid.start)
+    before: dict[tuple[int, int, int], tuple[int, int, int] | None] = {start: None}
+    queue = [(to_go[grid.start], start)]
+    while queue and np.isfinite(queue[0][0]):
+        left, pose = heapq.heappop(queue)
+        if left == 0.0:
+            way = []
+            step: tuple[int, int, int] | None = pose
+            while step is not None:
+                way.append(step)
+                step = before[step]
+            h, row, column = np.array(way[::-1]).T
+            return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
+        for neighbour in _neighbours(free, *pose):
+            if neighbour not in before:
+                before[neighbour] = pose
+                heapq.heappush(queue, (to_go[neighbour[1:]], neighbour))
+    return None
+
+
+def _neighbours(free: np.ndarray, heading: int, row: int, column: int) -> Iterator[tuple[int, int, int]]:
+    """Free poses one move away: turned to the next headings, or along the heading through free cells."""
+    for turned in ((heading - 1) % len(_STEPS), (heading + 1) % len(_STEPS)):
+        if free[turned, row, column]:
+            yield turned, row, column
+    _, rows, columns = free.shape
+    for passed in _PASSED[heading]:
+        dx, dy = passed[-1]
+        if 0 <= row + dy < rows and 0 <= column + dx < columns:
+            if all(free[heading, row + py, column + px] for px, py in passed):
+                yield heading, row + dy, column + dx
+
+
+def _cells_to_go(free: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Steps from every cell to the nearest goal cell, infinite without a way, shape (ny, nx)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+
+    if not (free & goal).any():
+        return np.full(free.shape, np.inf)
     nodes = np.arange(free.size).reshape(free.shape)
-    edges = _turns(nodes, free) + _straights(nodes, free)
-    ends = [np.concatenate(side) for side in zip(*edges, strict=True)]
-    graph = coo_matrix((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(free.size, free.size)).tocsr()
-    order, before = breadth_first_order(graph, nodes[(heading, *grid.start)], directed=False)
-    _, row, column = np.unravel_index(order, free.shape)
-    at_goal = np.hypot(grid.x[column] - scene.goal[0], grid.y[row] - scene.goal[1]) <= GOAL_TOLERANCE_M
-    if not at_goal.any():
-        return None
-    node = int(order[np.argmax(at_goal)])
-    way = []
-    while node >= 0:
-        way.append(node)
-        node = int(before[node])
-    h, row, column = np.unravel_index(way[::-1], free.shape)
-    return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
-
-
-def _turns(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Edges between neighbouring headings at one position."""
-    keep = free & np.roll(free, -1, axis=0)
-    return [(nodes[keep], np.roll(nodes, -1, axis=0)[keep])]
-
-
-def _straights(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Edges along the headings; the lattice points nearest to the way between must be free as well."""
-    edges = []
-    for heading, (dx, dy) in enumerate(_STEPS):
-        points = max(abs(dx), abs(dy))
-        here, keep = _shifted(free[heading], dx, dy)
-        keep = keep & here
-        for i in range(1, points):
-            px, py = round(i * dx / points), round(i * dy / points)
-            keep &= _between(free[heading], px, py, dx, dy)
-        a, b = _shifted(nodes[heading], dx, dy)
-        edges.append((a[keep], b[keep]))
-    return edges
-
-
-def _shifted(array: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
-    """Views of an array (y, x) and of itself shifted by (dx, dy), over the indices that both have."""
-    return _between(array, 0, 0, dx, dy), _between(array, dx, dy, dx, dy)
-
-
-def _between(array: np.ndarray, px: int, py: int, dx: int, dy: int) -> np.ndarray:
-    """View of an array (y, x) shifted by (px, py), where a shift by (dx, dy) stays inside."""
-    ny, nx = array.shape
-    x0, y0 = max(0, -dx), max(0, -dy)
-    return array[y0 + py : ny - max(0, dy) + py, x0 + px : nx - max(0, dx) + px]
+    below, left = free[1:] & free[:-1], free[:, 1:] & free[:, :-1]
+    ends = (
+        np.concatenate((nodes[1:][below], nodes[:, 1:][left])),
+        np.concatenate((nodes[:-1][below], nodes[:, :-1][left])),
+    )
+    graph = coo_matrix((np.ones(len(ends[0])), ends), shape=(free.size, free.size)).tocsr()
+    sources = nodes[free & goal]
+    return dijkstra(graph, directed=False, indices=sources, min_only=True).reshape(free.shape)

@@ -1,13 +1,16 @@
-"""How many generated corridors have a way through: one line per benchmark cell.
+"""How many generated scenes have a way through: one line per benchmark cell or per family.
 
-Run ``python -m spin_rl.planning.solvability --layouts 1000``. Obstacles that move are looked at where they
-reach farthest into the corridor.
+Run ``python -m spin_rl.planning.solvability --layouts 1000``, for families with ``--scene mixture``. What
+moves is looked at where it reaches farthest.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from typing import Any, cast
 
 import hydra
 import numpy as np
@@ -16,11 +19,15 @@ from omegaconf import OmegaConf
 
 from spin_rl.config import from_mapping
 from spin_rl.paths import CONF_DIR
+from spin_rl.planning.distance_field import DistanceField
 from spin_rl.planning.lattice import find_path
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.corridors.params import GeneratorParams
-from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
+from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
+from spin_rl.scenes.rooms.generator import build_scenes
+from spin_rl.scenes.rooms.params import FamilyParams, Shares, scene_class
+from spin_rl.scenes.rooms.start import place_starts
 
 CELLS = tuple((scenario, i) for scenario in SCENARIOS for i in range(len(DIFFICULTIES)))
 
@@ -59,15 +66,32 @@ def generate_scenes(
     return layout.scenes()
 
 
+def generate_family_scenes(count: int, params: FamilyParams, *, seed: int = 0) -> list[Scene]:
+    """Generate scenes of families on the host."""
+    layout = Layout(count, params.pool, "cpu")
+    field = DistanceField(layout, "cpu")
+    with wp.ScopedDevice("cpu"):
+        draw = {
+            "seed": wp.full(1, seed, dtype=wp.int32),
+            "counter": wp.zeros(count, dtype=wp.int32),
+            "mask": wp.full(count, True, dtype=bool),
+        }
+        build_scenes(layout, params, **draw)
+        field.update(layout.goal, draw["mask"])
+        place_starts(layout, params, field.field, **draw)
+    return layout.scenes()
+
+
 def scene_params(name: str) -> GeneratorParams:
-    """Read conf/scene/<name>.yaml.
+    """Read conf/scene/<name>.yaml; one with shares gives `FamilyParams`.
 
     Raises:
         ConfigError: It has an unknown key or an impossible value.
     """
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         values = hydra.compose(f"scene/{name}").scene
-    return from_mapping(GeneratorParams, OmegaConf.to_container(values), "scene")  # type: ignore[arg-type]
+    plain = cast(dict[str, Any], OmegaConf.to_container(values))
+    return from_mapping(scene_class(plain), plain, "scene")
 
 
 def is_solvable(scene: Scene) -> bool:
@@ -75,29 +99,41 @@ def is_solvable(scene: Scene) -> bool:
     return find_path(scene) is not None
 
 
+def groups(
+    params: GeneratorParams, count: int, *, seed: int = 0, level: float = 1.0
+) -> Iterator[tuple[str, list[Scene]]]:
+    """Names and scenes of all cells of the benchmark, or of all families that are ever drawn."""
+    if isinstance(params, FamilyParams):
+        for family in FAMILIES:
+            if getattr(params.shares, family) > 0.0:
+                alone = replace(params, shares=Shares(**{name: float(name == family) for name in FAMILIES}))
+                yield family, generate_family_scenes(count, alone, seed=seed)
+        return
+    for scenario, difficulty in CELLS:
+        name = f"{scenario} {DIFFICULTIES[difficulty]}"
+        yield name, generate_scenes(count, scenario, difficulty, seed=seed, level=level, params=params)
+
+
 def main() -> None:
-    """Print the share of solvable layouts for every cell."""
+    """Print the share of solvable layouts for every cell or family."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--layouts", type=int, default=1000, help="layouts per cell")
+    parser.add_argument("--layouts", type=int, default=1000, help="layouts per cell or family")
     scenes = sorted(file.stem for file in (CONF_DIR / "scene").glob("*.yaml"))
     parser.add_argument("--scene", default="nav", choices=scenes, help="distribution in conf/scene")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--level", type=float, default=1.0, help="curriculum level in [0, 1]")
+    parser.add_argument("--level", type=float, default=1.0, help="curriculum level of corridors in [0, 1]")
     parser.add_argument("--processes", type=int, default=1)
     args = parser.parse_args()
     if args.layouts < 1 or args.processes < 1 or not 0.0 <= args.level <= 1.0:
         parser.error("--layouts and --processes must be at least 1, --level in [0, 1]")
+    print("scenes      layouts  solvable  share   unsolved (first 10)")
     params = scene_params(args.scene)
-    print("scenario  difficulty  layouts  solvable  share   unsolved (first 10)")
     with ProcessPoolExecutor(args.processes) as pool:
-        for scenario, difficulty in CELLS:
-            scenes = generate_scenes(
-                args.layouts, scenario, difficulty, seed=args.seed, level=args.level, params=params
-            )
+        for name, scenes in groups(params, args.layouts, seed=args.seed, level=args.level):
             solved = np.array(list(pool.map(is_solvable, scenes, chunksize=8)))
             print(
-                f"{scenario:8d}  {DIFFICULTIES[difficulty]:10s}  {len(solved):7d}  {solved.sum():8d}  "
-                f"{solved.mean():.4f}  {np.flatnonzero(~solved)[:10].tolist()}",
+                f"{name:10s}  {len(solved):7d}  {solved.sum():8d}  {solved.mean():.4f}  "
+                f"{np.flatnonzero(~solved)[:10].tolist()}",
                 flush=True,
             )
 

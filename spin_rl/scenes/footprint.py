@@ -39,6 +39,9 @@ _NUM_GRIPPER = wp.constant(4)
 NUM_DISCS = wp.constant(35)
 """Discs of the robot's model: base outline, mast, head (2), lift body, arm, gripper."""
 
+_REACH = wp.constant(1.2)
+"""No disc reaches farther from the base's origin [m], whatever the joints."""
+
 
 @wp.struct
 class Disc:
@@ -148,23 +151,19 @@ def pose_touches(world: int, pose: wp.vec3, joints: vec8, discs: int, margin: fl
     """
     c = wp.cos(pose[2])
     s = wp.sin(pose[2])
-    for i in range(discs):
-        disc = robot_disc(i, joints)
-        x = pose[0] + c * disc.centre[0] - s * disc.centre[1]
-        y = pose[1] + s * disc.centre[0] + c * disc.centre[1]
-        for slot in range(slots.pos.shape[1]):
-            if slots.active[world, slot]:
-                if disc_touches(
-                    disc,
-                    x,
-                    y,
-                    margin,
-                    slots.pos[world, slot],
-                    slots.yaw[world, slot],
-                    slots.half_size[world, slot],
-                    slots.is_cylinder[slot],
-                ):
-                    return True
+    for slot in range(slots.pos.shape[1]):
+        if slots.active[world, slot]:
+            centre = slots.pos[world, slot]
+            half = slots.half_size[world, slot]
+            reach = _REACH + margin + wp.length(wp.vec2(half[0], half[1]))
+            if wp.length_sq(wp.vec2(pose[0] - centre[0], pose[1] - centre[1])) < reach * reach:
+                for i in range(discs):
+                    disc = robot_disc(i, joints)
+                    x = pose[0] + c * disc.centre[0] - s * disc.centre[1]
+                    y = pose[1] + s * disc.centre[0] + c * disc.centre[1]
+                    yaw = slots.yaw[world, slot]
+                    if disc_touches(disc, x, y, margin, centre, yaw, half, slots.is_cylinder[slot]):
+                        return True
     return False
 
 

@@ -1,8 +1,11 @@
-"""Names of what a generated corridor and its obstacles are."""
+"""Names of what a generated scene and its obstacles are."""
 
 from __future__ import annotations
 
 from spin_rl.scenes.layout import Scene
+
+FAMILIES = ("corridor", "room", "doorway", "field", "crossing", "open")
+"""Kinds of places, in the order of `Layout.family`."""
 
 SCENARIOS = (1, 2)
 """A straight corridor and an L-shaped one."""

@@ -85,6 +85,8 @@ class Scene:
         scenario: 1 or 2, the paper's scenarios.
         difficulty: 0 easy, 1 medium, 2 hard.
         num_obstacles: Obstacles between start and goal; distractors do not count.
+        family: Kind of place, an index of `kinds.FAMILIES`.
+        way_m: Length of the shortest way from start to goal [m]; 0 where nobody measured it.
     """
 
     pool: PoolSpec
@@ -104,6 +106,8 @@ class Scene:
     scenario: int = 1
     difficulty: int = 0
     num_obstacles: int = 0
+    family: int = 0
+    way_m: float = 0.0
 
     @property
     def is_wall(self) -> np.ndarray:
@@ -159,6 +163,8 @@ class Layout:
         scenario: 1 or 2, the paper's scenarios, shape (nworld,), int32.
         difficulty: 0 easy, 1 medium, 2 hard, shape (nworld,), int32.
         num_obstacles: Obstacles between start and goal; distractors do not count, shape (nworld,), int32.
+        family: Kind of place, an index of `kinds.FAMILIES`, shape (nworld,), int32.
+        way_m: Length of the shortest way from start to goal [m], 0 where nobody measured it, shape (nworld,).
         home, retreat, motion_speed, motion_trigger, motion_phase: How slots move, see `Scene`, shape (nworld,
             nslot), vec3, vec2 and float; `motion.py` draws them and moves the slots.
         moved: Way that moving slots went since the start [m], shape (nworld, nslot).
@@ -184,6 +190,8 @@ class Layout:
         "scenario",
         "difficulty",
         "num_obstacles",
+        "family",
+        "way_m",
     )
 
     def __init__(self, nworld: int, pool: PoolSpec, device: str) -> None:
@@ -213,6 +221,8 @@ class Layout:
             self.scenario = wp.full(nworld, 1, dtype=wp.int32)
             self.difficulty = wp.zeros(nworld, dtype=wp.int32)
             self.num_obstacles = wp.zeros(nworld, dtype=wp.int32)
+            self.family = wp.zeros(nworld, dtype=wp.int32)
+            self.way_m = wp.zeros(nworld, dtype=float)
             self.home = wp.zeros(shape, dtype=wp.vec3)
             self.retreat = wp.zeros(shape, dtype=wp.vec2)
             self.motion_speed = wp.zeros(shape, dtype=float)
@@ -235,7 +245,7 @@ class Layout:
                     for name, value in arrays.items()
                     if value.ndim > 1
                 },
-                **{name: int(value[w]) for name, value in arrays.items() if value.ndim == 1},
+                **{name: value[w].item() for name, value in arrays.items() if value.ndim == 1},
             )
             for w in (range(self.nworld) if worlds is None else worlds)
         ]
@@ -276,6 +286,6 @@ def _fit(scene: Scene, pool: PoolSpec) -> Scene:
             getattr(fitted, name)[fitted_first : fitted_first + count] = getattr(scene, name)[
                 first : first + count
             ]
-    for name in ("start", "start_joints", "goal", "bend", "scenario", "difficulty", "num_obstacles"):
+    for name in Layout._PER_WORLD[len(Layout._PER_SLOT) :]:
         setattr(fitted, name, getattr(scene, name))
     return fitted

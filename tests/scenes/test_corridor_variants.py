@@ -7,9 +7,10 @@ from scene_worlds import PARAMS
 
 from spin_rl.paths import CONF_DIR
 from spin_rl.planning import solvability
+from spin_rl.scenes.kinds import FAMILIES
 
-# Of other generators: tables, and a corridor with a table.
-OTHERS = {"fetch", "tabletop"}
+# Of other generators: tables, a corridor with a table, and families of places.
+OTHERS = {"fetch", "tabletop", "mixture", *FAMILIES}
 FILES = {file.stem for file in (CONF_DIR / "scene").glob("*.yaml")}
 NAMES = sorted(FILES - OTHERS)
 

@@ -56,7 +56,7 @@ class Used:
 
 
 @wp.func
-def _draw_kind(u: float, p: ParamsStruct) -> int:
+def draw_kind(u: float, p: ParamsStruct) -> int:
     """Kind of obstacle for a uniform number."""
     if u < p.head_share:
         return _HEAD
@@ -68,7 +68,7 @@ def _draw_kind(u: float, p: ParamsStruct) -> int:
 
 
 @wp.func
-def _draw_heights(kind: int, u: float, v: float, p: ParamsStruct) -> wp.vec2:
+def draw_heights(kind: int, u: float, v: float, p: ParamsStruct) -> wp.vec2:
     """Bottom and top of an obstacle for two uniform numbers."""
     if kind == _LOW:
         return wp.vec2(0.0, wp.lerp(p.low_top[0], p.low_top[1], u))
@@ -141,7 +141,7 @@ def place_obstacles(
             cylinders = taken.cylinders
             boxes = taken.boxes
             for k in range(wanted):
-                kind[k] = _draw_kind(wp.randf(state), p)
+                kind[k] = draw_kind(wp.randf(state), p)
                 side[k] = wp.where(wp.randf(state) < 0.5, -1.0, 1.0)
                 if k == 0 and stretch.first_side != 0.0:
                     side[k] = stretch.first_side
@@ -214,7 +214,7 @@ def place_obstacles(
         s_centre = stretch.begin + start[k] + shift + half_along[k]
         t_centre = side[k] * (0.5 * stretch.width - extent[k] + half_across[k])
         centre = stretch.origin + s_centre * stretch.along + t_centre * left
-        heights = _draw_heights(kind[k], wp.randf(state), wp.randf(state), p)
+        heights = draw_heights(kind[k], wp.randf(state), wp.randf(state), p)
         slot = first_box + taken.boxes
         if round_[k] == 1:
             slot = first_cylinder + taken.cylinders

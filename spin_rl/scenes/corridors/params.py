@@ -133,7 +133,7 @@ class GeneratorParams:
 
     def __post_init__(self) -> None:
         """Reject values that cannot make a solvable corridor."""
-        for field in fields(self):
+        for field in fields(GeneratorParams):
             value = getattr(self, field.name)
             if isinstance(value, tuple):
                 _require(
@@ -281,7 +281,7 @@ class ParamsStruct:
 def params_struct(params: GeneratorParams) -> ParamsStruct:
     """The kernel's copy of the parameters."""
     struct = ParamsStruct()
-    for field in fields(params):
+    for field in fields(GeneratorParams):
         if field.name in (*_START_RANGES, *_MOTION):
             continue
         value = getattr(params, field.name)

@@ -6,7 +6,7 @@ import warp as wp
 
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field, cell_centre
 from spin_rl.warp_kernels.geometry import ray_box, ray_cylinder, rotate_yaw_inverse
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import Slots
 
 FREE, SLOW, BLOCKED, SOLID = (wp.constant(i) for i in range(4))
 """A cell's kind: its centre is farther than ``clearance`` from obstacles, nearer, so near that no way leads
@@ -25,7 +25,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _offset(obstacles: Obstacles, world: int, slot: int, point: wp.vec2) -> wp.vec3:
+def _offset(obstacles: Slots, world: int, slot: int, point: wp.vec2) -> wp.vec3:
     """A point on the floor in a slot's frame; z = 0 is the slot's middle."""
     centre = obstacles.pos[world, slot]
     yaw = obstacles.yaw[world, slot]
@@ -45,7 +45,7 @@ def _distance_squared(is_cylinder: bool, half: wp.vec3, offset: wp.vec3) -> floa
 
 
 @wp.func
-def _counts(obstacles: Obstacles, world: int, slot: int, ceiling: float) -> bool:
+def _counts(obstacles: Slots, world: int, slot: int, ceiling: float) -> bool:
     """Whether a slot exists and does not hang above the robot."""
     bottom = obstacles.pos[world, slot][2] - obstacles.half_size[world, slot][2]
     return obstacles.active[world, slot] and bottom < ceiling
@@ -79,7 +79,7 @@ def _clear(
 @wp.kernel
 def _rasterize(
     mask: wp.array[wp.bool],
-    obstacles: Obstacles,
+    obstacles: Slots,
     ceiling: float,
     clearance: float,
     blocked: float,
@@ -127,7 +127,7 @@ def _rasterize(
 
 
 @wp.func
-def _hides(obstacles: Obstacles, world: int, slot: int, margin: float, start: wp.vec2, end: wp.vec2) -> bool:
+def _hides(obstacles: Slots, world: int, slot: int, margin: float, start: wp.vec2, end: wp.vec2) -> bool:
     """Whether a slot with a margin around it, seen from above, lies between two points."""
     origin = _offset(obstacles, world, slot, start)
     direction = _offset(obstacles, world, slot, end) - origin
@@ -140,7 +140,7 @@ def _hides(obstacles: Obstacles, world: int, slot: int, margin: float, start: wp
 @wp.kernel
 def _seed(
     mask: wp.array[wp.bool],
-    obstacles: Obstacles,
+    obstacles: Slots,
     ceiling: float,
     clearance: float,
     # Out
@@ -186,7 +186,7 @@ def _seed(
 
 
 def prepare_cells(
-    obstacles: Obstacles,
+    obstacles: Slots,
     goal: wp.array,
     mask: wp.array,
     field: Field,

@@ -23,7 +23,7 @@ from spin_rl.warp_kernels.distance_field.cells import (
     prepare_cells,
 )
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field
-from spin_rl.warp_kernels.visibility import Obstacles
+from spin_rl.warp_kernels.slots import Slots
 
 MAX_RINGS = 15
 """More would run into the other flags."""
@@ -158,7 +158,7 @@ def _extend(
 
 
 def solve_distance_field(
-    obstacles: Obstacles,
+    obstacles: Slots,
     goal: wp.array,
     mask: wp.array,
     field: Field,

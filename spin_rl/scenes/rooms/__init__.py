@@ -1,0 +1,1 @@
+"""Families of places to drive in, mixed by shares and generated on the device."""
