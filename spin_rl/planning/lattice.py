@@ -87,12 +87,35 @@ def find_path(scene: Scene) -> Path | None:
     Returns:
         A path for the first lift height that has one, or None.
     """
-    grid = _Grid.around(scene)
+    grid = _Grid.around(scene, RESOLUTION_M)
     for lift in LIFT_HEIGHTS_M:
-        poses = _search(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene)
-        if poses is not None:
-            return Path(poses=poses, lift=lift)
+        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene.start[2])
+        node = None if tree is None else tree.first_at(grid, scene.goal)
+        if tree is not None and node is not None:
+            return Path(poses=tree.way_to(grid, node), lift=lift)
     return None
+
+
+def reachable(scene: Scene, places: np.ndarray, resolution: float = RESOLUTION_M) -> np.ndarray:
+    """Which places have a way from the start; it can be driven in both directions.
+
+    Args:
+        scene: The world; its start joints and its goal are ignored.
+        places: Positions [m], shape (n, 2).
+        resolution: Between lattice points [m]; a coarse lattice is fast and misses narrow ways.
+
+    Returns:
+        Shape (n,), bool.
+    """
+    grid = _Grid.around(scene, resolution)
+    found = np.zeros(len(places), dtype=bool)
+    for lift in LIFT_HEIGHTS_M:
+        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene.start[2])
+        if tree is not None:
+            found |= np.array([tree.first_at(grid, place) is not None for place in places])
+        if found.all():
+            break
+    return found
 
 
 def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np.ndarray:
@@ -122,17 +145,9 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
             if ix.start == ix.stop or iy.start == iy.stop:
                 continue
             for heading, yaw in enumerate(HEADINGS_RAD):
-                blocked[heading, iy, ix] |= _overlaps(
-                    x[None, ix],
-                    y[iy, None],
-                    yaw,
-                    part_centre,
-                    part_half,
-                    centre,
-                    scene.yaw[slot],
-                    half,
-                    is_cylinder,
-                )
+                part = (yaw, part_centre, part_half)
+                there = (centre, scene.yaw[slot], half, is_cylinder)
+                blocked[heading, iy, ix] |= _overlaps(x[None, ix], y[iy, None], *part, *there)
     return blocked
 
 
@@ -191,24 +206,48 @@ class _Grid:
     start: tuple[int, int]  # (row, column)
 
     @staticmethod
-    def around(scene: Scene) -> _Grid:
+    def around(scene: Scene, resolution: float) -> _Grid:
         """A lattice over the scene's slots, start and goal."""
         corners = [scene.start[:2], scene.goal]
         for slot in np.flatnonzero(scene.active):
             reach = _extent(scene.half_size[slot], scene.yaw[slot])
             corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
-        before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / RESOLUTION_M).astype(int)
-        after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / RESOLUTION_M).astype(int)
-        x, y = (scene.start[i] + RESOLUTION_M * np.arange(-before[i], after[i] + 1) for i in range(2))
+        before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / resolution).astype(int)
+        after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / resolution).astype(int)
+        x, y = (scene.start[i] + resolution * np.arange(-before[i], after[i] + 1) for i in range(2))
         return _Grid(x=x, y=y, start=(int(before[1]), int(before[0])))
 
 
-def _search(grid: _Grid, free: np.ndarray, scene: Scene) -> np.ndarray | None:
-    """Poses of a way through the free poses, or None."""
+@dataclass(frozen=True)
+class _Tree:
+    """Shortest ways from the start to all poses that have one; nodes are flat indices of the lattice."""
+
+    shape: tuple[int, ...]
+    order: np.ndarray  # nodes, nearest to the start first
+    before: np.ndarray  # the node before each node, negative for the start
+
+    def first_at(self, grid: _Grid, place: np.ndarray) -> int | None:
+        """The nearest node within `GOAL_TOLERANCE_M` of a place."""
+        _, row, column = np.unravel_index(self.order, self.shape)
+        there = np.hypot(grid.x[column] - place[0], grid.y[row] - place[1]) <= GOAL_TOLERANCE_M
+        return int(self.order[np.argmax(there)]) if there.any() else None
+
+    def way_to(self, grid: _Grid, node: int) -> np.ndarray:
+        """Poses from the start to a node, shape (n, 3)."""
+        way = []
+        while node >= 0:
+            way.append(node)
+            node = int(self.before[node])
+        h, row, column = np.unravel_index(way[::-1], self.shape)
+        return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
+
+
+def _explore(grid: _Grid, free: np.ndarray, start_yaw: float) -> _Tree | None:
+    """Search the free poses from the start; None if it has no free heading."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import breadth_first_order
 
-    yaw_error = np.abs(np.angle(np.exp(1j * (HEADINGS_RAD - scene.start[2]))))
+    yaw_error = np.abs(np.angle(np.exp(1j * (HEADINGS_RAD - start_yaw))))
     # The start itself is clear; its nearest lattice heading may not be.
     heading = next((int(h) for h in np.argsort(yaw_error)[:2] if free[(h, *grid.start)]), None)
     if heading is None:
@@ -218,17 +257,7 @@ def _search(grid: _Grid, free: np.ndarray, scene: Scene) -> np.ndarray | None:
     ends = [np.concatenate(side) for side in zip(*edges, strict=True)]
     graph = coo_matrix((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(free.size, free.size)).tocsr()
     order, before = breadth_first_order(graph, nodes[(heading, *grid.start)], directed=False)
-    _, row, column = np.unravel_index(order, free.shape)
-    at_goal = np.hypot(grid.x[column] - scene.goal[0], grid.y[row] - scene.goal[1]) <= GOAL_TOLERANCE_M
-    if not at_goal.any():
-        return None
-    node = int(order[np.argmax(at_goal)])
-    way = []
-    while node >= 0:
-        way.append(node)
-        node = int(before[node])
-    h, row, column = np.unravel_index(way[::-1], free.shape)
-    return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
+    return _Tree(free.shape, order, before)
 
 
 def _turns(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
