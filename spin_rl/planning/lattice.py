@@ -10,8 +10,6 @@ Needs the `planner` extra (SciPy).
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -37,16 +35,6 @@ _STEPS = np.array(
 )
 HEADINGS_RAD = np.arctan2(_STEPS[:, 1], _STEPS[:, 0])
 """Yaws of the lattice, shape (24,)."""
-
-
-def _passed(dx: int, dy: int) -> list[tuple[int, int]]:
-    """Cells nearest to the way of a move, with its end as the last one."""
-    points = max(abs(dx), abs(dy))
-    return [(round(i * dx / points), round(i * dy / points)) for i in range(1, points + 1)]
-
-
-_PASSED = [(_passed(dx, dy), _passed(-dx, -dy)) for dx, dy in _STEPS.tolist()]
-"""Of every heading, the moves ahead and back."""
 
 
 @dataclass(frozen=True)
@@ -99,12 +87,35 @@ def find_path(scene: Scene) -> Path | None:
     Returns:
         A path for the first lift height that has one, or None.
     """
-    grid = _Grid.around(scene)
+    grid = _Grid.around(scene, RESOLUTION_M)
     for lift in LIFT_HEIGHTS_M:
-        poses = _search(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene)
-        if poses is not None:
-            return Path(poses=poses, lift=lift)
+        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene.start[2])
+        node = None if tree is None else tree.first_at(grid, scene.goal)
+        if tree is not None and node is not None:
+            return Path(poses=tree.way_to(grid, node), lift=lift)
     return None
+
+
+def reachable(scene: Scene, places: np.ndarray, resolution: float = RESOLUTION_M) -> np.ndarray:
+    """Which places have a way from the start; it can be driven in both directions.
+
+    Args:
+        scene: The world; its start joints and its goal are ignored.
+        places: Positions [m], shape (n, 2).
+        resolution: Between lattice points [m]; a coarse lattice is fast and misses narrow ways.
+
+    Returns:
+        Shape (n,), bool.
+    """
+    grid = _Grid.around(scene, resolution)
+    found = np.zeros(len(places), dtype=bool)
+    for lift in LIFT_HEIGHTS_M:
+        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene.start[2])
+        if tree is not None:
+            found |= np.array([tree.first_at(grid, place) is not None for place in places])
+        if found.all():
+            break
+    return found
 
 
 def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np.ndarray:
@@ -209,73 +220,88 @@ class _Grid:
     start: tuple[int, int]  # (row, column)
 
     @staticmethod
-    def around(scene: Scene) -> _Grid:
+    def around(scene: Scene, resolution: float) -> _Grid:
         """A lattice over the scene's slots, start and goal."""
         corners = [scene.start[:2], scene.goal]
         for slot in np.flatnonzero(scene.active):
             reach = _extent(scene.half_size[slot], scene.yaw[slot])
             corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
-        before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / RESOLUTION_M).astype(int)
-        after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / RESOLUTION_M).astype(int)
-        x, y = (scene.start[i] + RESOLUTION_M * np.arange(-before[i], after[i] + 1) for i in range(2))
+        before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / resolution).astype(int)
+        after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / resolution).astype(int)
+        x, y = (scene.start[i] + resolution * np.arange(-before[i], after[i] + 1) for i in range(2))
         return _Grid(x=x, y=y, start=(int(before[1]), int(before[0])))
 
 
-def _search(grid: _Grid, free: np.ndarray, scene: Scene) -> np.ndarray | None:
-    """Poses of a way through the free poses, or None; those with the fewest cells to go come first."""
-    yaw_error = np.abs(np.angle(np.exp(1j * (HEADINGS_RAD - scene.start[2]))))
+@dataclass(frozen=True)
+class _Tree:
+    """Shortest ways from the start to all poses that have one; nodes are flat indices of the lattice."""
+
+    shape: tuple[int, ...]
+    order: np.ndarray  # nodes, nearest to the start first
+    before: np.ndarray  # the node before each node, negative for the start
+
+    def first_at(self, grid: _Grid, place: np.ndarray) -> int | None:
+        """The nearest node within `GOAL_TOLERANCE_M` of a place."""
+        _, row, column = np.unravel_index(self.order, self.shape)
+        there = np.hypot(grid.x[column] - place[0], grid.y[row] - place[1]) <= GOAL_TOLERANCE_M
+        return int(self.order[np.argmax(there)]) if there.any() else None
+
+    def way_to(self, grid: _Grid, node: int) -> np.ndarray:
+        """Poses from the start to a node, shape (n, 3)."""
+        way = []
+        while node >= 0:
+            way.append(node)
+            node = int(self.before[node])
+        h, row, column = np.unravel_index(way[::-1], self.shape)
+        return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
+
+
+def _explore(grid: _Grid, free: np.ndarray, start_yaw: float) -> _Tree | None:
+    """Search the free poses from the start; None if it has no free heading."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import breadth_first_order
+
+    yaw_error = np.abs(np.angle(np.exp(1j * (HEADINGS_RAD - start_yaw))))
     # The start itself is clear; its nearest lattice heading may not be.
     heading = next((int(h) for h in np.argsort(yaw_error)[:2] if free[(h, *grid.start)]), None)
     if heading is None:
         return None
-    offset = np.hypot(grid.x[None, :] - scene.goal[0], grid.y[:, None] - scene.goal[1])
-    to_go = _cells_to_go(free.any(axis=0), offset <= GOAL_TOLERANCE_M)
-    start = (heading, *grid.start)
-    before: dict[tuple[int, int, int], tuple[int, int, int] | None] = {start: None}
-    queue = [(to_go[grid.start], start)]
-    while queue and np.isfinite(queue[0][0]):
-        left, pose = heapq.heappop(queue)
-        if left == 0.0:
-            way = []
-            step: tuple[int, int, int] | None = pose
-            while step is not None:
-                way.append(step)
-                step = before[step]
-            h, row, column = np.array(way[::-1]).T
-            return np.stack([grid.x[column], grid.y[row], HEADINGS_RAD[h]], axis=1)
-        for neighbour in _neighbours(free, *pose):
-            if neighbour not in before:
-                before[neighbour] = pose
-                heapq.heappush(queue, (to_go[neighbour[1:]], neighbour))
-    return None
-
-
-def _neighbours(free: np.ndarray, heading: int, row: int, column: int) -> Iterator[tuple[int, int, int]]:
-    """Free poses one move away: turned to the next headings, or along the heading through free cells."""
-    for turned in ((heading - 1) % len(_STEPS), (heading + 1) % len(_STEPS)):
-        if free[turned, row, column]:
-            yield turned, row, column
-    _, rows, columns = free.shape
-    for passed in _PASSED[heading]:
-        dx, dy = passed[-1]
-        if 0 <= row + dy < rows and 0 <= column + dx < columns:
-            if all(free[heading, row + py, column + px] for px, py in passed):
-                yield heading, row + dy, column + dx
-
-
-def _cells_to_go(free: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Steps from every cell to the nearest goal cell, infinite without a way, shape (ny, nx)."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import dijkstra
-
-    if not (free & goal).any():
-        return np.full(free.shape, np.inf)
     nodes = np.arange(free.size).reshape(free.shape)
-    below, left = free[1:] & free[:-1], free[:, 1:] & free[:, :-1]
-    ends = (
-        np.concatenate((nodes[1:][below], nodes[:, 1:][left])),
-        np.concatenate((nodes[:-1][below], nodes[:, :-1][left])),
-    )
-    graph = coo_matrix((np.ones(len(ends[0])), ends), shape=(free.size, free.size)).tocsr()
-    sources = nodes[free & goal]
-    return dijkstra(graph, directed=False, indices=sources, min_only=True).reshape(free.shape)
+    edges = _turns(nodes, free) + _straights(nodes, free)
+    ends = [np.concatenate(side) for side in zip(*edges, strict=True)]
+    graph = coo_matrix((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(free.size, free.size)).tocsr()
+    order, before = breadth_first_order(graph, nodes[(heading, *grid.start)], directed=False)
+    return _Tree(free.shape, order, before)
+
+
+def _turns(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Edges between neighbouring headings at one position."""
+    keep = free & np.roll(free, -1, axis=0)
+    return [(nodes[keep], np.roll(nodes, -1, axis=0)[keep])]
+
+
+def _straights(nodes: np.ndarray, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Edges along the headings; the lattice points nearest to the way between must be free as well."""
+    edges = []
+    for heading, (dx, dy) in enumerate(_STEPS):
+        points = max(abs(dx), abs(dy))
+        here, keep = _shifted(free[heading], dx, dy)
+        keep = keep & here
+        for i in range(1, points):
+            px, py = round(i * dx / points), round(i * dy / points)
+            keep &= _between(free[heading], px, py, dx, dy)
+        a, b = _shifted(nodes[heading], dx, dy)
+        edges.append((a[keep], b[keep]))
+    return edges
+
+
+def _shifted(array: np.ndarray, dx: int, dy: int) -> tuple[np.ndarray, np.ndarray]:
+    """Views of an array (y, x) and of itself shifted by (dx, dy), over the indices that both have."""
+    return _between(array, 0, 0, dx, dy), _between(array, dx, dy, dx, dy)
+
+
+def _between(array: np.ndarray, px: int, py: int, dx: int, dy: int) -> np.ndarray:
+    """View of an array (y, x) shifted by (px, py), where a shift by (dx, dy) stays inside."""
+    ny, nx = array.shape
+    x0, y0 = max(0, -dx), max(0, -dy)
+    return array[y0 + py : ny - max(0, dy) + py, x0 + px : nx - max(0, dx) + px]

@@ -1,30 +1,37 @@
-"""Scenes written by hand: a YAML file with walls, boxes, cylinders, a start and a goal.
+"""Scenes written by hand: a YAML file with walls, boxes, cylinders, furniture, a start and a goal.
 
 All lengths in metres, angles in radians, in the world frame (z up, floor at 0)::
 
     start: {position: [0, 0], yaw: 0}
     goal: [5, 0]
     joints: {lift: 0.4}                      # optional; missing joints are stowed
-    walls:                                   # optional, as are boxes and cylinders
+    walls:                                   # optional, as is all that follows
       - {position: [2.5, 0.55], size: [6, 0.1, 1.5], yaw: 0}
     boxes:
       - {position: [2, 0.3, 1.3], size: [0.3, 0.4, 0.2]}
     cylinders:
       - {position: [3, -0.3], radius: 0.1, height: 0.2, motion: {to: [3, 0.3], speed: 1, trigger: 1.5}}
+    furniture:
+      - {piece: chair, position: [4, 1], yaw: 1.57}
+    pieces:                                  # in addition to those of conf/furniture.yaml
+      sign: {boxes: [{position: [0, 0, 0.8], size: [0.05, 0.4, 0.3]}], cylinders: [{...}]}
 
 A position is the centre; without a z the thing stands on the floor. A size is the full extent along the
 thing's own x, y and z. Walls are boxes that the robot perceives piece by piece: use them for what is longer
 than about 2 m.
 
+A piece of furniture is made of walls, boxes and cylinders in a frame of its own, which stands at `position`
+(with a third number: raised by it) and is turned by `yaw`. The front of the pieces in conf/furniture.yaml
+faces +x, and their origin is the middle of their footprint.
+
 A box or cylinder with a motion starts at its position. With a trigger it goes straight to ``to``, and stays
 there, as soon as the base is nearer to that place than the trigger; without one it goes to and fro all the
-time.
+time. Furniture does not move.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +42,14 @@ import yaml
 from spin_rl import robot
 from spin_rl.config import ConfigError
 from spin_rl.scenes.builder import native_model
+from spin_rl.scenes.furniture import KINDS, Part, read_parts
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
+from spin_rl.scenes.yaml_values import mapping, number, numbers, positive
 
 MAX_SLOTS = 300
-"""Most walls, boxes and cylinders together."""
+"""Most walls, boxes and cylinders together, those of the furniture included."""
 
-MAX_EXTENT_M = 1000.0
-"""Largest coordinate or size."""
-
-_KEYS = ("start", "goal", "joints", "walls", "boxes", "cylinders")
+_KEYS = ("start", "goal", "joints", *KINDS, "furniture", "pieces")
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -84,29 +90,21 @@ def parse_scene(content: Any) -> Scene:
     Raises:
         ConfigError: An unknown, missing or impossible entry, named in the message.
     """
-    top = _mapping(content, "the scene", _KEYS, required=("start", "goal"))
-    items = {kind: _list(top.get(kind), kind) for kind in ("walls", "boxes", "cylinders")}
-    total = sum(len(entries) for entries in items.values())
-    if total > MAX_SLOTS:
-        raise ConfigError(f"walls, boxes and cylinders: at most {MAX_SLOTS} together, got {total}")
-    scene = Scene.empty(
-        PoolSpec(
-            num_walls=len(items["walls"]),
-            # A pool has at least one slot, even for an empty floor.
-            num_boxes=max(len(items["boxes"]), 1 - len(items["walls"]) - len(items["cylinders"])),
-            num_cylinders=len(items["cylinders"]),
-        )
-    )
-    pool = scene.pool
-    for kind, first in (("walls", 0), ("boxes", pool.first_box), ("cylinders", pool.first_cylinder)):
-        for i, entry in enumerate(items[kind]):
-            _read_slot(scene, first + i, entry, f"{kind}[{i}]")
-    start = _mapping(top["start"], "start", ("position", "yaw"), required=("position",))
-    scene.start[:2] = _numbers(start["position"], "start.position", (2,))
-    scene.start[2] = _number(start.get("yaw", 0.0), "start.yaw")
-    scene.goal[:] = _numbers(top["goal"], "goal", (2,))
+    top = mapping(content, "the scene", _KEYS, required=("start", "goal"))
+    parts = read_parts(top)
+    if len(parts) > MAX_SLOTS:
+        raise ConfigError(f"walls, boxes and cylinders: at most {MAX_SLOTS} together, got {len(parts)}")
+    walls, boxes, cylinders = (sum(part.kind == kind for part in parts) for kind in KINDS)
+    # A pool has at least one slot, even for an empty floor.
+    scene = Scene.empty(PoolSpec(walls, boxes if parts else 1, cylinders))
+    for slot, part in enumerate(parts):
+        _read_slot(scene, slot, part)
+    start = mapping(top["start"], "start", ("position", "yaw"), required=("position",))
+    scene.start[:2] = numbers(start["position"], "start.position", (2,))
+    scene.start[2] = number(start.get("yaw", 0.0), "start.yaw")
+    scene.goal[:] = numbers(top["goal"], "goal", (2,))
     scene.start_joints[:] = _joints(top.get("joints"))
-    scene.num_obstacles = len(items["boxes"]) + len(items["cylinders"])
+    scene.num_obstacles = boxes + cylinders
     return scene
 
 
@@ -128,48 +126,61 @@ def layout_from_scene(scene: Scene, nworld: int, device: str) -> Layout:
     return layout
 
 
-def _read_slot(scene: Scene, slot: int, entry: Any, where: str) -> None:
+def _read_slot(scene: Scene, slot: int, part: Part) -> None:
     """Read one wall, box or cylinder into a slot."""
-    if where.startswith("cylinders"):
+    where = part.where
+    may_move = () if part.kind == "walls" or part.frame else ("motion",)
+    if part.kind == "cylinders":
         keys = ("position", "radius", "height")
-        values = _mapping(entry, where, (*keys, "motion"), required=keys)
-        radius = _positive(values["radius"], f"{where}.radius")
-        half = np.array([radius, radius, 0.5 * _positive(values["height"], f"{where}.height")])
+        values = mapping(part.entry, where, (*keys, *may_move), required=keys)
+        radius = positive(values["radius"], f"{where}.radius")
+        half = np.array([radius, radius, 0.5 * positive(values["height"], f"{where}.height")])
     else:
         keys = ("position", "size", "yaw")
-        may_move = () if where.startswith("walls") else ("motion",)
-        values = _mapping(entry, where, (*keys, *may_move), required=keys[:2])
-        size = _numbers(values["size"], f"{where}.size", (3,))
+        values = mapping(part.entry, where, (*keys, *may_move), required=keys[:2])
+        size = numbers(values["size"], f"{where}.size", (3,))
         if min(size) <= 0.0:
             raise ConfigError(f"{where}.size: must be positive, got {values['size']!r}")
         half = 0.5 * np.array(size)
-        scene.yaw[slot] = _number(values.get("yaw", 0.0), f"{where}.yaw")
-    position = _numbers(values["position"], f"{where}.position", (2, 3))
+        scene.yaw[slot] = number(values.get("yaw", 0.0), f"{where}.yaw")
+    position = numbers(values["position"], f"{where}.position", (2, 3))
     scene.pos[slot] = (*position, half[2])[:3]
     scene.half_size[slot] = half
     scene.active[slot] = True
+    if part.frame:
+        _place(scene, slot, part.frame)
     if values.get("motion") is not None:
         _read_motion(scene, slot, values["motion"], f"{where}.motion")
 
 
+def _place(scene: Scene, slot: int, frame: tuple[float, float, float, float]) -> None:
+    """Take a slot from the frame of its piece of furniture to the world."""
+    x, y, z, yaw = frame
+    c, s = math.cos(yaw), math.sin(yaw)
+    px, py, pz = scene.pos[slot]
+    scene.pos[slot] = (x + c * px - s * py, y + s * px + c * py, z + pz)
+    if not scene.is_cylinder[slot]:
+        scene.yaw[slot] += yaw
+
+
 def _read_motion(scene: Scene, slot: int, entry: Any, where: str) -> None:
     """Read how a slot moves; its position, where it starts, is in the scene already."""
-    values = _mapping(entry, where, ("to", "speed", "trigger"), required=("to", "speed"))
-    scene.home[slot] = (*_numbers(values["to"], f"{where}.to", (2,)), scene.pos[slot, 2])
+    values = mapping(entry, where, ("to", "speed", "trigger"), required=("to", "speed"))
+    scene.home[slot] = (*numbers(values["to"], f"{where}.to", (2,)), scene.pos[slot, 2])
     scene.retreat[slot] = (scene.pos[slot] - scene.home[slot])[:2]
     if not scene.retreat[slot].any():
         raise ConfigError(f"{where}.to: must differ from the position, got {values['to']!r}")
-    scene.motion_speed[slot] = _positive(values["speed"], f"{where}.speed")
+    scene.motion_speed[slot] = positive(values["speed"], f"{where}.speed")
     if "trigger" in values:
-        scene.motion_trigger[slot] = _positive(values["trigger"], f"{where}.trigger")
+        scene.motion_trigger[slot] = positive(values["trigger"], f"{where}.trigger")
 
 
 def _joints(content: Any) -> list[float]:
     """Start joints in `robot.JOINTS` order; missing ones are stowed."""
-    given = {} if content is None else _mapping(content, "joints", robot.JOINTS)
+    given = {} if content is None else mapping(content, "joints", robot.JOINTS)
     joints = []
     for name, low, high in zip(robot.JOINTS, robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True):
-        value = _number(given.get(name, robot.STOWED[name]), f"joints.{name}")
+        value = number(given.get(name, robot.STOWED[name]), f"joints.{name}")
         if not low <= value <= high:
             raise ConfigError(f"joints.{name}: must be in [{low}, {high}], got {value}")
         joints.append(value)
@@ -199,53 +210,3 @@ def _check_free(scene: Scene) -> None:
         inside = math.hypot(dx, dy) < half[0] if scene.is_cylinder[slot] else bool((local < half[:2]).all())
         if inside:
             raise ConfigError(f"goal: lies inside {scene.pool.geom_names()[slot]}")
-
-
-def _mapping(
-    value: Any, where: str, allowed: tuple[str, ...], required: tuple[str, ...] = ()
-) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ConfigError(f"{where}: expected keys {', '.join(allowed)}, got {_short(value)}")
-    for key in value:
-        if key not in allowed:
-            raise ConfigError(f"{where}: unknown key {_short(key)}; choose from {', '.join(allowed)}")
-    for key in required:
-        if key not in value:
-            raise ConfigError(f"{where}: {key} is missing")
-    return value
-
-
-def _list(value: Any, where: str) -> list[Any]:
-    if value is None:
-        return []
-    if not isinstance(value, list):
-        raise ConfigError(f"{where}: expected a list, got {_short(value)}")
-    return value
-
-
-def _numbers(value: Any, where: str, lengths: tuple[int, ...]) -> list[float]:
-    if not isinstance(value, list) or len(value) not in lengths:
-        wanted = " or ".join(str(length) for length in lengths)
-        raise ConfigError(f"{where}: expected a list of {wanted} numbers, got {_short(value)}")
-    return [_number(item, where) for item in value]
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_EXTENT_M:
-        raise ConfigError(
-            f"{where}: expected a number of at most {MAX_EXTENT_M:g} either way, got {_short(value)}"
-        )
-    return float(value)
-
-
-def _positive(value: Any, where: str) -> float:
-    number = _number(value, where)
-    if number <= 0.0:
-        raise ConfigError(f"{where}: must be positive, got {value!r}")
-    return number
-
-
-def _short(value: Any) -> str:
-    """One line about any value."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
