@@ -45,7 +45,7 @@ class Clearance:
             setattr(self._motion, name, getattr(sim.data, name))
         self._motion.root = int(sim.mj_model.body("base").id)
         self._obstacles = Obstacles()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
+        for name in ("pos", "yaw", "half_size", "active", "is_cylinder", "nearby"):
             setattr(self._obstacles, name, getattr(sim.layout, name))
         self.clearance = wp.full(sim.nworld, limit, dtype=float, device=device)
         self.haste = wp.zeros(sim.nworld, dtype=float, device=device)

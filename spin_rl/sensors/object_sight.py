@@ -88,7 +88,7 @@ class ObjectSight:
         """
         self.seen = wp.zeros(layout.nworld, dtype=bool, device=layout.device)
         obstacles = Obstacles()
-        for name in ("pos", "yaw", "half_size", "active", "is_cylinder"):
+        for name in ("pos", "yaw", "half_size", "active", "is_cylinder", "nearby"):
             setattr(obstacles, name, getattr(layout, name))
         self._inputs = [
             obstacles,

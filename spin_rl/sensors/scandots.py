@@ -19,17 +19,18 @@ class Obstacles(Protocol):
     active: wp.array
     is_cylinder: wp.array
     is_wall: wp.array
+    nearby: wp.array
 
 
 class Scandots:
     """Owns the two token buffers and refreshes them with one kernel launch.
 
-    Tokens, their corner order, and what counts as seen are defined in ``spin_rl.warp_kernels.scandots``
-    and ``spin_rl.warp_kernels.tokens``.
+    Token i is that of slot `nearby[i]`. Tokens, their corner order, and what counts as seen are defined in
+    ``spin_rl.warp_kernels.scandots`` and ``spin_rl.warp_kernels.tokens``.
 
     Attributes:
-        all: Corners in the local window, whether seen or not, shape (nworld, nslot, 32), float.
-        visible: Corners that the camera sees as well (the paper's mask F), shape (nworld, nslot, 32), float.
+        all: Corners in the local window, whether seen or not, shape (nworld, k, 32), float.
+        visible: Corners that the camera sees as well (the paper's mask F), shape (nworld, k, 32), float.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Scandots:
         self._window = window
         self._near = near
         self._occlusion = occlusion
-        shape = (*obstacles.pos.shape, TOKEN_SIZE)
+        shape = (*obstacles.nearby.shape, TOKEN_SIZE)
         self.all = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
         self.visible = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
 
@@ -97,6 +98,7 @@ class Scandots:
             obstacles.active,
             obstacles.is_cylinder,
             obstacles.is_wall,
+            obstacles.nearby,
             self._qpos,
             self._site_xpos,
             self._site_xmat,

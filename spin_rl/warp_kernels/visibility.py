@@ -20,13 +20,14 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Obstacles:
-    """The obstacle slots of all worlds; shapes and units as in ``scandot_tokens``."""
+    """The obstacle slots of all worlds, and those of them that count; as in ``scandot_tokens``."""
 
     pos: wp.array2d[wp.vec3]
     yaw: wp.array2d[float]
     half_size: wp.array2d[wp.vec3]
     active: wp.array2d[wp.bool]
     is_cylinder: wp.array[wp.bool]
+    nearby: wp.array2d[int]
 
 
 @wp.struct
@@ -87,7 +88,7 @@ def remove_hidden(
     obstacles: Obstacles,
     world: int,
 ) -> int:
-    """Clear the bits of those candidate points that the camera cannot see behind some active slot.
+    """Clear the bits of those candidate points that the camera cannot see behind some active slot nearby.
 
     ``target`` is a box around the points: it lets most slots be skipped at once.
     """
@@ -105,8 +106,9 @@ def remove_hidden(
             rays[index, 0] = ray[0]
             rays[index, 1] = ray[1]
             rays[index, 2] = ray[2]
-    for other in range(obstacles.pos.shape[1]):
-        if seen == 0:
+    for k in range(obstacles.nearby.shape[1]):
+        other = obstacles.nearby[world, k]
+        if seen == 0 or other < 0:
             break
         if not obstacles.active[world, other]:
             continue

@@ -128,6 +128,7 @@ class DeviceScene:
             wp.array(s.active, dtype=wp.bool, device=device),
             wp.array(s.kind == CYLINDER, dtype=wp.bool, device=device),
             wp.array(s.kind == WALL, dtype=wp.bool, device=device),
+            wp.array(np.tile(np.arange(num_slots), (num_worlds, 1)), dtype=wp.int32, device=device),
             self.base,
             wp.array(sites, dtype=wp.vec3, device=device),
             wp.array(frames, dtype=wp.mat33, device=device),
