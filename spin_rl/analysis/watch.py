@@ -95,6 +95,7 @@ class Watch:
             "slot_pos": wp.to_torch(env.sim.layout.pos),
             "part_contacts": env.sim.views.part_contacts,
         }
+        self._nearby = wp.to_torch(env.sim.layout.nearby)
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
         """Return the policy's actions, shape (num_envs, 10)."""
@@ -119,7 +120,8 @@ class Watch:
         slots = env.sim.layout.pool.num_slots
         # Number of the observation, and of the one that showed a corner of a slot last.
         self._step = NEVER
-        self._seen_at = torch.full((env.num_envs, slots), NEVER, dtype=torch.int32, device=env.device)
+        # The last column takes the tokens of no slot.
+        self._seen_at = torch.full((env.num_envs, slots + 1), NEVER, dtype=torch.int32, device=env.device)
         self._last = {name: self._now[name].clone() for name in ("qpos", "qvel", "slot_pos")}
         self._nearest.remember_layouts()
 
@@ -128,7 +130,9 @@ class Watch:
         for name, values in self._last.items():
             values.copy_(self._now[name])
         tokens = obs["scandots"].view(self._env.num_envs, -1, TOKEN_SIZE)
-        self._seen_at[(tokens[..., -NUM_CORNERS:] > 0.0).any(-1)] = self._step
+        slots = self._nearby.long() % self._seen_at.shape[1]
+        seen = (tokens[..., -NUM_CORNERS:] > 0.0).any(-1)
+        self._seen_at.scatter_(1, slots, torch.where(seen, self._step, self._seen_at.gather(1, slots)))
 
     def _end(self, worlds: torch.Tensor) -> None:
         """Look at episodes that have just ended; world indices, shape (n,)."""

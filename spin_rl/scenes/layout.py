@@ -168,6 +168,8 @@ class Layout:
         home, retreat, motion_speed, motion_trigger, motion_phase: How slots move, see `Scene`, shape (nworld,
             nslot), vec3, vec2 and float; `motion.py` draws them and moves the slots.
         moved: Way that moving slots went since the start [m], shape (nworld, nslot).
+        nearby: Slots that physics and sensors know, shape (nworld, k), int32: all in their order where k is
+            the number of slots, else those nearest to the robot (`warp_kernels.nearby`).
     """
 
     _PER_SLOT = (
@@ -194,13 +196,14 @@ class Layout:
         "way_m",
     )
 
-    def __init__(self, nworld: int, pool: PoolSpec, device: str) -> None:
+    def __init__(self, nworld: int, pool: PoolSpec, device: str, nearby: int | None = None) -> None:
         """Allocate empty scenes.
 
         Args:
             nworld: Number of worlds.
             pool: Slots of every world.
             device: Warp device.
+            nearby: Most slots in `nearby`; None for all.
         """
         self.nworld = nworld
         self.pool = pool
@@ -229,6 +232,8 @@ class Layout:
             self.motion_trigger = wp.zeros(shape, dtype=float)
             self.motion_phase = wp.zeros(shape, dtype=float)
             self.moved = wp.zeros(shape, dtype=float)
+            known = min(pool.num_slots, nearby or pool.num_slots)
+            self.nearby = wp.array(np.tile(np.arange(known), (nworld, 1)), dtype=wp.int32)
 
     def scene(self, world: int) -> Scene:
         """Copy one world to the host."""

@@ -16,6 +16,7 @@ wp.set_module_options({"enable_backward": False})
 def _see_objects(
     # In
     obstacles: Slots,
+    nearby: wp.array2d(dtype=wp.int32),
     qpos: wp.array2d(dtype=float),
     first: int,
     site_xpos: wp.array2d(dtype=wp.vec3),
@@ -46,7 +47,7 @@ def _see_objects(
             target = Box()
             target.pos = point
             target.cos_yaw = 1.0
-            seen = remove_hidden(points, 1, seen, camera, target, obstacles, w)
+            seen = remove_hidden(points, 1, seen, camera, target, obstacles, nearby, w)
     seen_out[w] = seen != 0
 
 
@@ -91,6 +92,7 @@ class ObjectSight(Sensor):
         self.seen = wp.zeros(layout.nworld, dtype=bool, device=layout.device)
         self._inputs = [
             slots_of(layout),
+            layout.nearby,
             qpos,
             object_column,
             site_xpos,

@@ -13,20 +13,23 @@ from spin_rl.warp_kernels.tokens import TOKEN_SIZE
 
 
 class Obstacles(SlotArrays, Protocol):
-    """The slots of all worlds, as in ``spin_rl.scenes``, and which of them are walls, shape (nslot,)."""
+    """The slots of all worlds, as in ``spin_rl.scenes``, which of them are walls, shape (nslot,), and
+    which are nearby, shape (nworld, k).
+    """
 
     is_wall: wp.array
+    nearby: wp.array
 
 
 class Scandots(Sensor):
     """Owns the two token buffers and refreshes them with one kernel launch.
 
-    Tokens, their corner order, and what counts as seen are defined in ``spin_rl.warp_kernels.scandots``
-    and ``spin_rl.warp_kernels.tokens``.
+    Token i is that of slot `nearby[i]`. Tokens, their corner order, and what counts as seen are defined in
+    ``spin_rl.warp_kernels.scandots`` and ``spin_rl.warp_kernels.tokens``.
 
     Attributes:
-        all: Corners in the local window, whether seen or not, shape (nworld, nslot, 32), float.
-        visible: Corners that the camera sees as well (the paper's mask F), shape (nworld, nslot, 32), float.
+        all: Corners in the local window, whether seen or not, shape (nworld, k, 32), float.
+        visible: Corners that the camera sees as well (the paper's mask F), shape (nworld, k, 32), float.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class Scandots(Sensor):
             )
         self._obstacles = slots_of(obstacles)
         self._is_wall = obstacles.is_wall
+        self._nearby = obstacles.nearby
         self._qpos = qpos
         self._site_xpos = site_xpos
         self._site_xmat = site_xmat
@@ -81,7 +85,7 @@ class Scandots(Sensor):
         self._window = window
         self._near = near
         self._occlusion = occlusion
-        shape = (*obstacles.pos.shape, TOKEN_SIZE)
+        shape = (*obstacles.nearby.shape, TOKEN_SIZE)
         self.all = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
         self.visible = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
 
@@ -90,6 +94,7 @@ class Scandots(Sensor):
         scandot_tokens(
             self._obstacles,
             self._is_wall,
+            self._nearby,
             self._qpos,
             self._site_xpos,
             self._site_xmat,

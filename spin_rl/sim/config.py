@@ -18,6 +18,8 @@ class SimConfig:
         ls_iterations: Line-search iterations.
         impratio: How much harder friction is than normal contact; None takes the robot's, 10 for the one
             that grasps. What is held creeps out of the fingers, the slower the larger this is.
+        nearby: Scene geoms that physics and scandots know at a time: those nearest to the robot where a scene
+            has more of them.
         contacts_per_world: Contacts allocated per world, on average over the worlds.
         constraints_per_world: Constraint rows allocated for each world.
         overflow: What to do about dropped contacts and constraints: "count" them in the statistics, or
@@ -29,6 +31,7 @@ class SimConfig:
     iterations: int = 4
     ls_iterations: int = 8
     impratio: float | None = None
+    nearby: int = 24
     contacts_per_world: int = 24
     constraints_per_world: int = 96
     overflow: str = "count"
@@ -41,6 +44,7 @@ class SimConfig:
             "substeps",
             "iterations",
             "ls_iterations",
+            "nearby",
             "contacts_per_world",
             "constraints_per_world",
         ):

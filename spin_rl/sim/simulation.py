@@ -10,7 +10,7 @@ import torch
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.builder import add_pool, write_geoms
+from spin_rl.scenes.builder import add_pool, geoms_of, write_geoms
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.motion import move_slots, restart_motion
 from spin_rl.scenes.objects.model import MODEL_FIELDS
@@ -18,6 +18,7 @@ from spin_rl.scenes.objects.shapes import add_object
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.config import SimConfig
 from spin_rl.sim.manipulation import GraspForces, Manipulation, ManipulationConfig, ObjectState
+from spin_rl.sim.nearby import Nearby
 from spin_rl.sim.reset import set_start_state
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, IncrementConfig, make_increments, set_targets
 from spin_rl.warp_kernels.contacts import clear_part_contacts, part_contacts
@@ -88,6 +89,7 @@ class Simulation:
 
     Attributes:
         target: Joint targets in `robot.JOINTS` order [m or rad], shape (nworld, 8).
+        nearby: What keeps the scene geoms near the robot; None where the pool is so small that all are.
         increments: What an action does in the mode `targets.INCREMENTAL`.
         mode: How actions are read, `targets.ABSOLUTE` (navigation) or `targets.INCREMENTAL` (manipulation),
             shape (nworld,), int32; the latter only with manipulation, where it is the default.
@@ -120,7 +122,7 @@ class Simulation:
         self._moving = moving
         self.device = device
         self.config = config
-        self.layout = Layout(nworld, pool, device)
+        self.layout = Layout(nworld, pool, device, config.nearby)
         self.mj_model = _compile(pool, config, with_object=manipulation is not None)
         with wp.ScopedDevice(device):
             fields = _SCENE_FIELDS if manipulation is None else sorted({*_SCENE_FIELDS, *MODEL_FIELDS})
@@ -151,9 +153,12 @@ class Simulation:
             self._scene_geoms = wp.array(
                 [self.mj_model.geom(name).id for name in pool.geom_names()], dtype=wp.int32
             )
+            self._geoms = geoms_of(self.model, self.data)
             self._geom_part = wp.array(geom_parts(self.mj_model), dtype=wp.int32)
             # Everything that belongs to the world body: the floor and the scene pool.
             self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
+            follows = config.nearby < pool.num_slots
+            self.nearby = Nearby(self.layout, self.mj_model, self.model, self.data) if follows else None
             self._limits = drive_module.DriveLimits.create(profile, device)
         self._manipulation = None
         self.increments = make_increments(IncrementConfig(), config.control_period, device)
@@ -236,6 +241,8 @@ class Simulation:
                     self._scene_geoms,
                     self.data.geom_xpos,
                 )
+                if self.nearby is not None:
+                    self.nearby.write()
             mjw.step(self.model, self.data)
             part_contacts(
                 self.data.contact.geom,
@@ -259,16 +266,7 @@ class Simulation:
         """
         if self._moving:
             restart_motion(self.layout, mask)
-        write_geoms(
-            self.layout,
-            self._scene_geoms,
-            self.data.geom_xpos,
-            self.data.geom_xmat,
-            self.model.geom_size,
-            self.model.geom_rbound,
-            self.model.geom_aabb,
-            mask,
-        )
+        write_geoms(self.layout, self._scene_geoms, self._geoms, mask)
         mjw.reset_data(self.model, self.data, reset=mask)
         set_start_state(
             self._limits,
@@ -284,8 +282,10 @@ class Simulation:
             self._manipulation.reset(mask, self.data, self.mode, self.action)
 
     def forward(self) -> None:
-        """Bring body, geom and site poses in line with the current positions."""
+        """Bring poses of bodies, geoms and sites, and what is nearby, in line with the current positions."""
         mjw.kinematics(self.model, self.data)
+        if self.nearby is not None:
+            self.nearby.update()
 
 
 def geom_parts(model: mujoco.MjModel) -> list[int]:
@@ -301,7 +301,7 @@ def geom_parts(model: mujoco.MjModel) -> list[int]:
 def _compile(pool: PoolSpec, config: SimConfig, *, with_object: bool) -> mujoco.MjModel:
     """Compile the robot, the grasping one if there is an object, and an empty pool of scene geoms."""
     spec = robot.load_grasp_spec() if with_object else robot.load_spec()
-    add_pool(spec, pool)
+    add_pool(spec, pool, config.nearby)
     if with_object:
         add_object(spec)
     spec.option.timestep = config.timestep

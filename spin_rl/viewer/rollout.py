@@ -163,8 +163,9 @@ class Player:
         if self._scandots is None:
             return [None] * self.env.num_envs
         known, visible = self._scandots.all.numpy(), self._scandots.visible.numpy()
+        nearby = self.env.sim.layout.nearby.numpy()
         return [
-            scandots_of(known[world], visible[world], scene.is_wall, qpos[world, :3])
+            scandots_of(known[world], visible[world], scene.is_wall[nearby[world]], qpos[world, :3])
             for world, scene in enumerate(self._scenes)
         ]
 
@@ -198,9 +199,9 @@ def scandots_of(known: np.ndarray, visible: np.ndarray, is_wall: np.ndarray, bas
     corner of an obstacle is listed once.
 
     Args:
-        known: Tokens of the local window, shape (nslot, 32).
-        visible: Tokens of what the camera sees, shape (nslot, 32).
-        is_wall: Which slots are walls, shape (nslot,).
+        known: Tokens of the local window, shape (k, 32).
+        visible: Tokens of what the camera sees, shape (k, 32).
+        is_wall: Which of them are of walls, shape (k,).
         base: Pose of the base (x [m], y [m], yaw [rad]), shape (3,).
     """
     in_window, seen = known[:, 24:] > 0.5, visible[:, 24:] > 0.5

@@ -50,11 +50,12 @@ wp.set_module_options({"enable_backward": False})
 @wp.func
 def _write_box(
     world: int,
-    slot: int,
+    token: int,
     base: Base,
     camera: Camera,
     box: Box,
     obstacles: Slots,
+    nearby: wp.array2d[int],
     occlusion: bool,
     all_out: wp.array3d[float],
     visible_out: wp.array3d[float],
@@ -75,9 +76,9 @@ def _write_box(
                 points[index, 1] = corner[1]
                 points[index, 2] = corner[2]
     if occlusion and visible != 0:
-        visible = remove_hidden(points, 8, visible, camera, box, obstacles, world)
-    write_token(world, slot, base, box, inside, all_out)
-    write_token(world, slot, base, box, visible, visible_out)
+        visible = remove_hidden(points, 8, visible, camera, box, obstacles, nearby, world)
+    write_token(world, token, base, box, inside, all_out)
+    write_token(world, token, base, box, visible, visible_out)
 
 
 @wp.func
@@ -121,11 +122,12 @@ def _seen_piece(wall: Box, start: float, spacing: float, samples: Points, seen: 
 @wp.func
 def _write_wall(
     world: int,
-    slot: int,
+    token: int,
     base: Base,
     camera: Camera,
     wall: Box,
     obstacles: Slots,
+    nearby: wp.array2d[int],
     occlusion: bool,
     all_out: wp.array3d[float],
     visible_out: wp.array3d[float],
@@ -141,12 +143,12 @@ def _write_wall(
     span = clip_slab(wp.vec2(-half[0], half[0]), foot_b[0], direction_b[0], base.window)
     span = clip_slab(span, foot_b[1], direction_b[1], base.window)
     if span[0] > span[1]:
-        clear_token(world, slot, all_out)
-        clear_token(world, slot, visible_out)
+        clear_token(world, token, all_out)
+        clear_token(world, token, visible_out)
         return
     bottom = wall.pos[2] - half[2]
     piece = _cut_wall(wall, span[0], span[1], bottom, bottom + 2.0 * half[2])
-    write_token(world, slot, base, piece, _ALL_CORNERS, all_out)
+    write_token(world, token, base, piece, _ALL_CORNERS, all_out)
 
     spacing = (span[1] - span[0]) / float(WALL_COLUMNS - 1)
     samples = Points()
@@ -166,18 +168,19 @@ def _write_wall(
         face.pos += rotate_yaw(wp.vec3(0.0, side * half[1], 0.0), wall.cos_yaw, wall.sin_yaw)
         face.half_size = wp.vec3(half[0], 0.0, half[2])
         face = _seen_piece(face, span[0], spacing, samples, seen)
-        seen = remove_hidden(samples, 3 * WALL_COLUMNS, seen, camera, face, obstacles, world)
+        seen = remove_hidden(samples, 3 * WALL_COLUMNS, seen, camera, face, obstacles, nearby, world)
     if seen == 0:
-        clear_token(world, slot, visible_out)
+        clear_token(world, token, visible_out)
         return
     piece = _seen_piece(wall, span[0], spacing, samples, seen)
-    write_token(world, slot, base, piece, _ALL_CORNERS, visible_out)
+    write_token(world, token, base, piece, _ALL_CORNERS, visible_out)
 
 
 @wp.kernel
 def _write_scandots(
     obstacles: Slots,
     is_wall: wp.array[wp.bool],
+    nearby: wp.array2d[int],
     qpos: wp.array2d[float],
     site_xpos: wp.array2d[wp.vec3],
     site_xmat: wp.array2d[wp.mat33],
@@ -189,7 +192,12 @@ def _write_scandots(
     all_out: wp.array3d[float],
     visible_out: wp.array3d[float],
 ):
-    world, slot = wp.tid()
+    world, token = wp.tid()
+    slot = nearby[world, token]
+    if slot < 0:
+        clear_token(world, token, all_out)
+        clear_token(world, token, visible_out)
+        return
     box = Box()
     box.pos = obstacles.pos[world, slot]
     box.half_size = obstacles.half_size[world, slot]
@@ -202,8 +210,8 @@ def _write_scandots(
         wp.vec2(box.half_size[0], box.half_size[1])
     )
     if not obstacles.active[world, slot] or clearance > 1.4143 * window:
-        clear_token(world, slot, all_out)
-        clear_token(world, slot, visible_out)
+        clear_token(world, token, all_out)
+        clear_token(world, token, visible_out)
         return
 
     base.cos_yaw = wp.cos(qpos[world, 2])
@@ -217,14 +225,15 @@ def _write_scandots(
     camera.near = near
     if is_wall[slot]:
         wall = _long_side_first(box)
-        _write_wall(world, slot, base, camera, wall, obstacles, occlusion, all_out, visible_out)
+        _write_wall(world, token, base, camera, wall, obstacles, nearby, occlusion, all_out, visible_out)
     else:
-        _write_box(world, slot, base, camera, box, obstacles, occlusion, all_out, visible_out)
+        _write_box(world, token, base, camera, box, obstacles, nearby, occlusion, all_out, visible_out)
 
 
 def scandot_tokens(
     obstacles: Slots,
     is_wall: wp.array,
+    nearby: wp.array,
     qpos: wp.array,
     site_xpos: wp.array,
     site_xmat: wp.array,
@@ -237,13 +246,15 @@ def scandot_tokens(
     all_out: wp.array,
     visible_out: wp.array,
 ) -> None:
-    """Write the scandot tokens of every slot: those in the local window, and those that the camera sees.
+    """Write the scandot tokens of the slots nearby: those in the local window, and those that are seen.
 
     The rules are in the module's docstring. Graph-safe; the five options freeze at capture.
 
     Args:
         obstacles: Walls and obstacles; slots that are not active give zeros and hide nothing.
         is_wall: Whether a slot is a wall, shape (nslot,), bool.
+        nearby: Slots that have a token and may hide others, in the order of the tokens, negative ones behind
+            the last, shape (nworld, k), int32.
         qpos: Joint positions, shape (nworld, nq); columns 0 to 2 are the base's x, y [m] and yaw [rad].
         site_xpos: Site positions in the world [m], shape (nworld, nsite), vec3.
         site_xmat: Site-to-world rotations, shape (nworld, nsite), mat33.
@@ -252,15 +263,16 @@ def scandot_tokens(
         near: Smallest depth that the camera sees [m].
         window: Half side of the square local window [m].
         occlusion: Whether obstacles hide corners from the camera.
-        all_out: Output, corners in the window whether seen or not, shape (nworld, nslot, 32), float.
-        visible_out: Output, corners that are also seen, shape (nworld, nslot, 32), float.
+        all_out: Output, corners in the window whether seen or not, shape (nworld, k, 32), float.
+        visible_out: Output, corners that are also seen, shape (nworld, k, 32), float.
     """
     wp.launch(
         _write_scandots,
-        dim=obstacles.pos.shape,
+        dim=nearby.shape,
         inputs=[
             obstacles,
             is_wall,
+            nearby,
             qpos,
             site_xpos,
             site_xmat,

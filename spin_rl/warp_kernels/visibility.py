@@ -75,9 +75,10 @@ def remove_hidden(
     camera: Camera,
     target: Box,
     obstacles: Slots,
+    nearby: wp.array2d[int],
     world: int,
 ) -> int:
-    """Clear the bits of those candidate points that the camera cannot see behind some active slot.
+    """Clear the bits of those candidate points that the camera cannot see behind some active slot nearby.
 
     ``target`` is a box around the points: it lets most slots be skipped at once.
     """
@@ -95,8 +96,9 @@ def remove_hidden(
             rays[index, 0] = ray[0]
             rays[index, 1] = ray[1]
             rays[index, 2] = ray[2]
-    for other in range(obstacles.pos.shape[1]):
-        if seen == 0:
+    for k in range(nearby.shape[1]):
+        other = nearby[world, k]
+        if seen == 0 or other < 0:
             break
         if not obstacles.active[world, other]:
             continue

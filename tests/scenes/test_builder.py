@@ -1,13 +1,15 @@
 """Scene geoms, checked against models that MuJoCo itself compiles."""
 
 import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import pytest
 import warp as wp
 from scene_worlds import generate
 
 from spin_rl import robot
-from spin_rl.scenes.builder import PARKED_Z_M, add_pool, native_model, write_geoms
+from spin_rl.scenes.builder import PARKED_Z_M, add_pool, geoms_of, native_model, write_geoms
+from spin_rl.scenes.builder import Geoms as GeomArrays
 from spin_rl.scenes.layout import PoolSpec
 
 
@@ -31,10 +33,13 @@ class Geoms:
         self.size = wp.zeros((nworld, n), dtype=wp.vec3, device=device)
         self.rbound = wp.zeros((nworld, n), dtype=float, device=device)
         self.aabb = wp.zeros((nworld, n, 2), dtype=wp.vec3, device=device)
+        self.geoms = GeomArrays()
+        for name in ("xpos", "xmat", "size", "rbound", "aabb"):
+            setattr(self.geoms, name, getattr(self, name))
 
     def write(self, layout, mask):
         mask = wp.array(mask, dtype=bool, device=layout.device)
-        write_geoms(layout, self.ids, self.xpos, self.xmat, self.size, self.rbound, self.aabb, mask)
+        write_geoms(layout, self.ids, self.geoms, mask)
 
 
 def test_pool_geoms_have_the_contracts_names_and_bits(pooled_model):
@@ -99,8 +104,8 @@ def test_a_native_robot_touches_the_wall_it_stands_in(device):
 
 
 def test_arrays_that_worlds_share_are_rejected(pooled_model, device):
-    layout = generate(2, device)
-    geoms = Geoms(pooled_model, 2, device)
-    geoms.rbound = wp.zeros((1, pooled_model.ngeom), dtype=float, device=device)
+    with wp.ScopedDevice(device):
+        model = mjw.put_model(pooled_model, batch_sizes={"geom_size": 2, "geom_aabb": 2})
+        data = mjw.make_data(pooled_model, nworld=2)
     with pytest.raises(ValueError, match="geom_rbound"):
-        geoms.write(layout, [True, True])
+        geoms_of(model, data)

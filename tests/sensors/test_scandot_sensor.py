@@ -38,6 +38,7 @@ def obstacles(num_worlds, device):
         active=wp.array(np.tile([True, False], (num_worlds, 1)), dtype=wp.bool, device=device),
         is_cylinder=wp.zeros(2, dtype=wp.bool, device=device),
         is_wall=wp.zeros(2, dtype=wp.bool, device=device),
+        nearby=wp.array(np.tile([0, 1], (num_worlds, 1)), dtype=wp.int32, device=device),
     )
 
 

@@ -131,6 +131,7 @@ class DeviceScene:
         self.arrays = [
             slots,
             wp.array(s.kind == WALL, dtype=wp.bool, device=device),
+            wp.array(np.tile(np.arange(num_slots), (num_worlds, 1)), dtype=wp.int32, device=device),
             self.base,
             wp.array(sites, dtype=wp.vec3, device=device),
             wp.array(frames, dtype=wp.mat33, device=device),

@@ -76,9 +76,10 @@ class HealthMonitor:
     """Counts on the device; nothing is read back until `read` or `dump`.
 
     A world whose positions, velocities or action turn non-finite is reset by the task like any other that
-    ended, and training goes on; its last control steps are kept for a look. Overflow means that mujoco_warp
-    dropped contacts or constraints of a world during a control step; the contact pool is shared by the
-    worlds, so that its overflow is counted in all of them.
+    ended, and training goes on; its last control steps are kept for a look. Overflow means that contacts or
+    constraints of a world were dropped during a control step: by mujoco_warp, whose contact pool is shared by
+    the worlds, so that its overflow is counted in all of them, or because more was within the robot's reach
+    than `sim.nearby`.
     """
 
     def __init__(self, sim: Simulation, outcome: wp.array) -> None:
@@ -120,6 +121,8 @@ class HealthMonitor:
         self.restart()
         self._dump_count.zero_()
         self._overflow_count.zero_()
+        if self._sim.nearby is not None:
+            self._sim.nearby.missed.zero_()
 
     def restart(self) -> None:
         """Forget the states of the episodes that run: all worlds were reset from outside."""
@@ -135,11 +138,14 @@ class HealthMonitor:
         # A copy before it is cleared: on the CPU, numpy() is a view.
         counts = dict(zip(OVERFLOWS, self._overflow_count.numpy().tolist(), strict=True))
         self._overflow_count.zero_()
-        config = self._sim.config
-        for cause, (_, key) in OVERFLOWS.items():
+        config, keys = self._sim.config, {cause: key for cause, (_, key) in OVERFLOWS.items()}
+        if self._sim.nearby is not None:
+            counts["nearby"], keys["nearby"] = int(self._sim.nearby.missed.numpy()[0]), "nearby"
+            self._sim.nearby.missed.zero_()
+        for cause, key in keys.items():
             if config.overflow == "raise" and counts[cause] and key is not None:
                 raise RuntimeError(
-                    f"overflow/{cause}: mujoco_warp dropped contacts or constraints in {counts[cause]} "
+                    f"overflow/{cause}: contacts or constraints were dropped in {counts[cause]} "
                     f"control steps of a world; increase sim.{key}, now {getattr(config, key)}"
                 )
         return {f"overflow/{cause}": float(count) for cause, count in counts.items()}
