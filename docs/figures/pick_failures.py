@@ -19,6 +19,7 @@ import warp as wp
 
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import open_policy
+from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.common.episode import SUCCESS, TIMEOUT
 from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.tasks.pick.observations import NEAR_PER_M, PRIVILEGED
@@ -34,9 +35,9 @@ FINER = 16
 def run(policy: str, kind: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return what is measured in every step of every world, and how their episodes end."""
     asked = ["task=pick", f"task.object={kind}"]
-    make, trained = open_policy(policy)
-    cfg = PICK.configure(settings.for_policy(settings.compose(asked), trained, asked))
-    if cfg.detector == "none" and "object" in trained["runner"]["obs_groups"]["actor"]:
+    source = open_policy(policy)
+    cfg = PICK.configure(settings.for_policy(compose("eval", asked), source.trained, asked))
+    if cfg.detector == "none" and "object" in source.trained["runner"]["obs_groups"]["actor"]:
         sys.exit(f"{policy} is told where the object is without a detector")
     env = PickEnv(replace(cfg, detector="segmentation", end_on_success=False), WORLDS, "cpu", SEED)
     detector = env.sight._detector
@@ -44,7 +45,7 @@ def run(policy: str, kind: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
     pixels = wp.to_torch(detector.num_pixels)
     start = sum(list(PRIVILEGED.values())[: list(PRIVILEGED).index("offset")])
     obs = env.reset()
-    actor = make(obs, "cpu")
+    actor = source.make(obs, "cpu")
     rows: dict[str, list[np.ndarray]] = {"pixels": [], "offset": [], "distance": [], "open": [], "lift": []}
     ends = torch.zeros(WORLDS, dtype=torch.int32)
     for _ in range(env.max_episode_length):

@@ -9,6 +9,7 @@ from pathlib import Path
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.files import write_json
+from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.registry import find_task
 
 
@@ -36,16 +37,15 @@ def evaluate_run(
     Returns:
         The file.
     """
-    make_policy, trained = policies.open_policy(str(run_dir))
-    task = trained.get("task", {}).get("name", "nav")
-    name = benchmarks.find(None, task)
-    benchmark = benchmarks.BENCHMARKS[name]
+    source = policies.open_policy(str(run_dir))
+    task = find_task(source.task or "nav")
+    benchmark = benchmarks.find(None, task.name)
     conditions = settings.conditions(overrides)
-    cfg = settings.for_policy(settings.compose([f"task={task}", *conditions]), trained, conditions)
-    print(f"Evaluating {run_dir}: {name}")
+    cfg = settings.for_policy(compose("eval", [f"task={task.name}", *conditions]), source.trained, conditions)
+    print(f"Evaluating {run_dir}: {benchmark.name}")
     result = benchmark.evaluate(
-        make_policy,
-        find_task(task).configure(cfg),
+        source.make,
+        task.configure(cfg),
         episodes,
         seeds,
         device,
@@ -56,7 +56,7 @@ def evaluate_run(
     if label is not None:
         result["scene"] = label
     print(benchmark.table(result))
-    path = Path(run_dir) / f"{name}.json"
+    path = Path(run_dir) / f"{benchmark.name}.json"
     write_json(path, result)
     print(f"Wrote {path}: {benchmark.headline(result)}")
     return path

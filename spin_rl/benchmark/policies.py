@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +14,12 @@ from spin_rl import robot
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.policy import PolicyFactory
-from spin_rl.runners import policy_file
-from spin_rl.tasks.fetch.policy import FetchPolicy
+from spin_rl.runners.policy_file import read_policy
+from spin_rl.tasks.registry import TaskSpec
 
 UNTRAINED = ("zero", "random")
-PICKERS = {False: "pick-teacher", True: "pick-depth"}
-"""Which shipped policy picks in a fetch, by whether the one that drives reads images."""
+SHIPPED = {"pick": {False: "pick-teacher", True: "pick-depth"}}
+"""Key -> which shipped policy that is if none is named, by whether the one that drives reads images."""
 
 
 class ZeroPolicy:
@@ -43,66 +45,102 @@ class RandomPolicy(ZeroPolicy):
         return torch.rand(shape, generator=self._rng, device=self._rng.device) * 2.0 - 1.0
 
 
-def open_policy(name: str) -> tuple[PolicyFactory, dict[str, Any]]:
+@dataclass(frozen=True)
+class PolicySource:
+    """What acts in a task, opened once: a policy, or several that take turns.
+
+    Attributes:
+        names: Name or path of each policy by the key that names it on a command line, `policy` first.
+        trained: Configuration that it was trained with, nested; empty for one that learned nothing. Of
+            several see `settings.of_fetch`.
+        make: Makes the policy for the observations and device of an environment.
+    """
+
+    names: Mapping[str, str]
+    trained: Mapping[str, Any]
+    make: PolicyFactory
+
+    @property
+    def task(self) -> str | None:
+        """Name of the task that it was trained in; None where there was no training."""
+        return self.trained.get("task", {}).get("name")
+
+
+def open_policy(name: str, key: str = "policy") -> PolicySource:
     """Find a policy.
 
     Args:
         name: Shipped policy, checkpoint, run directory, .safetensors file, `zero` or `random`.
-
-    Returns:
-        A function that makes the policy for an environment, and the configuration that it was trained with
-        (empty for `zero` and `random`).
+        key: What names it on the command line.
 
     Raises:
         ConfigError: There is no such policy, or it is damaged.
     """
     if name == "zero":
-        return lambda obs, device: ZeroPolicy(), {}
+        return PolicySource({key: name}, {}, lambda obs, device: ZeroPolicy())
     if name == "random":
-        return lambda obs, device: RandomPolicy(device), {}
+        return PolicySource({key: name}, {}, lambda obs, device: RandomPolicy(device))
     try:
-        metadata = policy_file.read_policy(name)[1]
+        policy = read_policy(name)
     except FileNotFoundError as error:
         untrained = "" if Path(name).exists() else f" Always there: {', '.join(UNTRAINED)}."
-        raise ConfigError(f"policy: {error}{untrained}") from None
+        raise ConfigError(f"{key}: {error}{untrained}") from None
     except ValueError as error:
-        raise ConfigError(f"policy: {error}") from None
-    return (
-        lambda obs, device: policy_file.load_policy(name, obs, device),
-        metadata["config"],
-    )
+        raise ConfigError(f"{key}: {error}") from None
+    return PolicySource({key: name}, policy.config, policy.build)
 
 
-def open_fetch_policy(nav: str, pick: str | None) -> tuple[PolicyFactory, dict[str, Any], str]:
-    """Find the two policies of a fetch.
+def open_for(
+    spec: TaskSpec, names: Mapping[str, str | None], opened: PolicySource | None = None
+) -> PolicySource:
+    """Find the policies that take turns in a task, or the one that acts in it alone.
 
     Args:
-        nav: The one that drives, as of `open_policy`.
-        pick: The one that picks; None takes the shipped one that sees what `nav` sees, images or the object.
-
-    Returns:
-        A function that makes the `FetchPolicy`, what the two were trained with (see `settings.of_fetch`), and
-        the name of the one that picks.
+        spec: The task.
+        names: Name or path of each by the key of `spec.policies`; None takes the shipped one that sees what
+            the first one sees, images or not.
+        opened: The first one, where it has been opened already.
 
     Raises:
         ConfigError: There is no such policy, one is of another task, or they do not fit each other.
     """
-    make_nav, nav_trained = open_policy(nav)
-    if pick is None:
-        pick = PICKERS[bool(nav_trained.get("task", {}).get("depth", {}).get("enabled"))]
-    try:
-        make_pick, pick_trained = open_policy(pick)
-    except ConfigError as error:
-        raise ConfigError(str(error).replace("policy:", "pick:", 1)) from None
-    for key, name, trained, task in (
-        ("policy", nav, nav_trained, "nav"),
-        ("pick", pick, pick_trained, "pick"),
-    ):
-        own = trained.get("task", {}).get("name", task)
-        if own != task:
-            raise ConfigError(f"{key}: {name} was trained with task={own}; a fetch needs one of task={task}")
-    return (
-        lambda obs, device: FetchPolicy(make_nav(obs, device), make_pick(obs, device)),
-        settings.of_fetch(nav_trained, pick_trained),
-        pick,
+    sources: list[PolicySource] = []
+    for key, task in spec.policies.items():
+        name = names[key] or SHIPPED[key][reads_images(sources[0])]
+        if opened is not None and opened.names == {key: name}:
+            source = opened
+        else:
+            source = open_policy(name, key)
+        check_task(key, name, source.task, task, spec.name)
+        sources.append(source)
+    if len(sources) == 1:
+        return sources[0]
+    return PolicySource(
+        {key: name for source in sources for key, name in source.names.items()},
+        settings.of_fetch(*(source.trained for source in sources)),
+        lambda obs, device: spec.join(*(source.make(obs, device) for source in sources)),
     )
+
+
+def reads_images(source: PolicySource) -> bool:
+    """Whether a policy was trained on depth images."""
+    return bool(source.trained.get("task", {}).get("depth", {}).get("enabled"))
+
+
+def check_task(key: str, name: str, own: str | None, wanted: str, task: str) -> None:
+    """Reject a policy of another task.
+
+    Args:
+        key: What names it on the command line.
+        name: Its name.
+        own: The task that it was trained in; None where there was no training.
+        wanted: The task that it should have been trained in.
+        task: The task of the command, in which it acts.
+
+    Raises:
+        ConfigError: It was trained in another task.
+    """
+    if own in (None, wanted):
+        return
+    needs = f", which is not task={task}" if wanted == task else f"; a {task} needs one of task={wanted}"
+    raise ConfigError(f"{key}: {name} was trained with task={own}{needs}")

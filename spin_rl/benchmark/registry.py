@@ -22,14 +22,17 @@ class Benchmark:
     """One benchmark.
 
     Attributes:
+        name: Its name.
         task: The task that it measures, a file in conf/task.
         scene: Its distribution of scenes, a file in conf/scene.
         evaluate: Runs it: policy factory, task configuration, episodes, seeds and device, and by keyword
-            `policy_name`, `num_envs` and `announce`, of a fetch also `pick_name`; returns the result.
+            `num_envs`, `announce` and the name of each policy that takes turns, such as `policy_name`; where
+            the task has scene files also `scene` and `scene_name`. Returns the result.
         table: Formats a result for the terminal.
         headline: One line that sums a result up.
     """
 
+    name: str
     task: str
     scene: str
     evaluate: Callable[..., dict[str, Any]]
@@ -37,35 +40,35 @@ class Benchmark:
     headline: Callable[[dict[str, Any]], str]
 
 
-BENCHMARKS: Mapping[str, Benchmark] = MappingProxyType(
-    {
-        "reach": Benchmark("nav", "nav", evaluate_reach, report.table, report.headline),
-        "pick": Benchmark("pick", "tabletop", evaluate_pick, pick_report.table, pick_report.headline),
-        "fetch": Benchmark("fetch", "fetch", evaluate_fetch, fetch_report.table, fetch_report.headline),
-        "place": Benchmark(
-            "fetch",
-            "fetch",
-            partial(evaluate_fetch, benchmark="place"),
-            fetch_report.place_table,
-            report.headline,
-        ),
-    }
+_ALL = (
+    Benchmark("reach", "nav", "nav", evaluate_reach, report.table, report.headline),
+    Benchmark("pick", "pick", "tabletop", evaluate_pick, pick_report.table, pick_report.headline),
+    Benchmark("fetch", "fetch", "fetch", evaluate_fetch, fetch_report.table, fetch_report.headline),
+    Benchmark(
+        "place",
+        "fetch",
+        "fetch",
+        partial(evaluate_fetch, benchmark="place"),
+        fetch_report.place_table,
+        report.headline,
+    ),
 )
+BENCHMARKS: Mapping[str, Benchmark] = MappingProxyType({benchmark.name: benchmark for benchmark in _ALL})
 
 
-def find(name: str | None, task: str) -> str:
-    """Return the name of a benchmark that measures a task; None takes the first there is.
+def find(name: str | None, task: str) -> Benchmark:
+    """Return the benchmark of a name, which measures a task; None takes the first of the task.
 
     Raises:
         ConfigError: There is no such benchmark, or it measures another task.
     """
-    own = [key for key, benchmark in BENCHMARKS.items() if benchmark.task == task]
-    if name is None and own:
-        return own[0]
     if name is None:
-        raise ConfigError(f"benchmark: there is none of task={task}")
+        own = [benchmark for benchmark in BENCHMARKS.values() if benchmark.task == task]
+        if not own:
+            raise ConfigError(f"benchmark: there is none of task={task}")
+        return own[0]
     if name not in BENCHMARKS:
         raise ConfigError(f"benchmark: unknown {name!r}; choose from {', '.join(BENCHMARKS)}")
-    if name not in own:
+    if BENCHMARKS[name].task != task:
         raise ConfigError(f"benchmark: {name} measures task={BENCHMARKS[name].task}, not task={task}")
-    return name
+    return BENCHMARKS[name]

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from typing import Any
 
-import hydra
-from hydra.core.global_hydra import GlobalHydra
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from spin_rl.config import ConfigError
 from spin_rl.models.groups import OBJECT
@@ -21,25 +18,20 @@ _RANGE = ("near_m", "far_m")
 """What of a depth filter is the policy's own: how metres become the image that it reads."""
 
 
-def compose(overrides: Sequence[str] = ()) -> DictConfig:
-    """Compose conf/eval.yaml, also inside another command's run."""
-    running = GlobalHydra.instance().is_initialized()  # commands here all search the same folder
-    with nullcontext() if running else hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-        return hydra.compose("eval", list(overrides))
-
-
-def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: Sequence[str]) -> DictConfig:
+def for_policy(
+    values: Mapping[str, Any], trained: Mapping[str, Any] | None, overridden: Sequence[str]
+) -> dict[str, Any]:
     """Take over what a policy was trained with, except for what the user asked for.
 
     Args:
-        cfg: Composed conf/eval.yaml.
+        values: Composed conf/eval.yaml.
         trained: Configuration of the policy's training, nested; None or empty changes nothing.
         overridden: Overrides of the command line, such as `robot=re1` or `task.camera_mount=landscape`.
 
     Returns:
         A new configuration.
     """
-    result = cfg.copy()
+    result = OmegaConf.create(dict(values))
     asked = {override.lstrip("+~").partition("=")[0] for override in overridden}
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
@@ -58,7 +50,7 @@ def for_policy(cfg: DictConfig, trained: Mapping[str, Any] | None, overridden: S
             by_user -= {"depth"}
         if value is not None and not by_user & asked:
             OmegaConf.update(result, key, value, force_add=True)
-    return result
+    return OmegaConf.to_container(result)  # type: ignore[return-value]
 
 
 def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,9 +90,14 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
     return OmegaConf.to_container(joint)  # type: ignore[return-value]
 
 
+def group_of(override: str) -> str:
+    """Return the group of the configuration that an override belongs to."""
+    return override.lstrip("+~").partition("=")[0].partition(".")[0]
+
+
 def conditions(overrides: Sequence[str]) -> list[str]:
     """Pick the overrides of a training that say in which scenes and with which images to measure it."""
-    return [override for override in overrides if _group(override) in _CONDITIONS]
+    return [override for override in overrides if group_of(override) in _CONDITIONS]
 
 
 def unused_depth(task: TaskConfig, overridden: Sequence[str]) -> str | None:
@@ -110,7 +107,7 @@ def unused_depth(task: TaskConfig, overridden: Sequence[str]) -> str | None:
         task: Configuration of the evaluation, with what the policy was trained with.
         overridden: Overrides of the command line.
     """
-    asked = [override for override in overridden if _group(override) == "depth"]
+    asked = [override for override in overridden if group_of(override) == "depth"]
     if task.depth is not None or not asked:
         return None
     return f"depth: {asked[0]} changes nothing, since this policy reads no images"
@@ -137,11 +134,6 @@ def _listed(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _group(override: str) -> str:
-    """The group of the configuration that an override belongs to."""
-    return override.lstrip("+~").partition("=")[0].partition(".")[0]
-
-
 def scene_label(overridden: Sequence[str], own: str = "nav") -> str | None:
     """Name the distribution of scenes, None for the benchmark's own.
 
@@ -149,7 +141,7 @@ def scene_label(overridden: Sequence[str], own: str = "nav") -> str | None:
         overridden: Overrides of the command line; those of single values are part of the name.
         own: Name of the benchmark's own.
     """
-    asked = [override for override in overridden if _group(override) == "scene"]
+    asked = [override for override in overridden if group_of(override) == "scene"]
     choices = [override.partition("=")[2] for override in asked if override.startswith("scene=")]
     choice = choices[-1] if choices else own
     changes = [override for override in asked if not override.startswith("scene=")]

@@ -5,23 +5,21 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
 
 from spin_rl.cli import common
-from spin_rl.config import ConfigError
+from spin_rl.config import POSITIVE, Choice, ConfigError, Range, from_keys
 from spin_rl.files import write_json
 from spin_rl.machine import num_cores
 from spin_rl.speed import rows as throughput
 from spin_rl.speed.timing import Stopwatch
-from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
 SUBJECTS = ("visibility", "depth", "env", "update", "train")
@@ -29,43 +27,69 @@ SUBJECTS = ("visibility", "depth", "env", "update", "train")
 _OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
 _BUSY_LOAD = 0.5
 
+Count = Annotated[int, Range(1)]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to measure, checked.
+
+    Attributes:
+        what: One of `SUBJECTS`, or all.
+        num_envs: Worlds.
+        seed: Of scenes and actions.
+        seconds: To measure each subject for [s].
+        world_counts: Further numbers of worlds, or None.
+        processes: Of the training.
+        out: JSON to write, or None.
+        device: "cpu" or "cuda:N".
+        overrides: Those of the command line.
+    """
+
+    what: Annotated[str, Choice((*SUBJECTS, "all"))]
+    num_envs: Count
+    seed: int
+    seconds: Annotated[float, POSITIVE]
+    world_counts: tuple[Count, ...] | None
+    processes: Count
+    out: Path | None
+    device: str
+    overrides: tuple[str, ...]
+
 
 def main() -> None:
     """Entry point of the `spin-bench` command."""
-    sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available())
-    common.run("bench", bench)
+    common.run("bench", bench, lambda given: (common.with_preset(given, torch.cuda.is_available()), None))
 
 
-def bench(cfg: DictConfig) -> None:
-    """Measure what `cfg` names, print the table and write the JSON."""
-    values = with_depth(plain(cfg))
-    out = _check(values)
-    device = common.resolve_device(values["device"])
-    if device == "cpu":
+def bench(call: common.Call) -> None:
+    """Measure what was asked for, print the table and write the JSON."""
+    values = with_depth(call.values)
+    options = read_options(values, call.overrides)
+    if options.device == "cpu":
         torch.set_num_threads(1)  # as in training
-    elif values["processes"] > torch.cuda.device_count():
-        raise ConfigError(
-            f"processes: {torch.cuda.device_count()} GPUs found, one for each process is needed"
-        )
     _warn_if_busy()
-    subjects = SUBJECTS if values["what"] == "all" else (values["what"],)
-    rows = _measure(values, device, subjects)
+    rows = _measure(values, options)
 
-    overrides = list(HydraConfig.get().overrides.task)
     result = throughput.result(
-        device, rows, overrides=overrides, num_envs=values["num_envs"], sim=values["sim"], load=_load()
+        options.device,
+        rows,
+        overrides=options.overrides,
+        num_envs=options.num_envs,
+        sim=values["sim"],
+        load=_load(),
     )
-    print(f"{result['hardware']}; {values['num_envs']} worlds")
+    print(f"{result['hardware']}; {options.num_envs} worlds")
     print(throughput.table(rows))
     headline = ", ".join(f"{row.name} {row.value:,.4g} {row.unit}" for row in rows[:1])
-    if out is None:
+    if options.out is None:
         print(f"Wrote nothing, out=<file.json> keeps the figures: {headline}")
         return
-    write_json(out, result)
-    print(f"Wrote {out}: {len(rows)} rows, {headline}")
+    write_json(options.out, result)
+    print(f"Wrote {options.out}: {len(rows)} rows, {headline}")
 
 
-def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> list[throughput.Row]:
+def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
     from spin_rl.speed import (
         depth as depth_speed,
     )
@@ -83,7 +107,8 @@ def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> 
     )
     from spin_rl.tasks.nav.env import NavEnv
 
-    task, seed, seconds = NAV.configure(values), values["seed"], values["seconds"]
+    task, runner = NAV.configure(values), values["runner"]
+    device, seed, seconds = options.device, options.seed, options.seconds
     synchronize = partial(torch.cuda.synchronize, device) if device != "cpu" else lambda: None
     watch = Stopwatch(synchronize)
     # For what runs in one thread: CPU time, which other load bends least.
@@ -99,35 +124,35 @@ def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> 
 
     @cache
     def driver(images: bool) -> env_speed.RandomDriver:
-        return env_speed.RandomDriver(make_env(values["num_envs"], images), seed)
+        return env_speed.RandomDriver(make_env(options.num_envs, images), seed)
 
     def visibility() -> list[throughput.Row]:
         with common.announced(f"Timing scandots on {device}"):
-            return visibility_speed.measure_visibility(task, values["num_envs"], device, seconds, seed, watch)
+            return visibility_speed.measure_visibility(task, options.num_envs, device, seconds, seed, watch)
 
     def depth() -> list[throughput.Row]:
-        counts = values["world_counts"] or depth_speed.WORLD_COUNTS
+        counts = options.world_counts or depth_speed.WORLD_COUNTS
         return depth_speed.measure_depth(make_env, counts, device, seconds, seed, cpu_watch)
 
     def env() -> list[throughput.Row]:
         rows = env_speed.measure_env(driver(has_images), seconds, watch)
         rows.append(env_speed.measure_images(driver(True), driver(False), seconds, watch))
-        counts = values["world_counts"] or []
+        counts = options.world_counts or []
         return rows + env_speed.sweep(make_env, counts, device, seconds / 4, seed, watch)
 
     def update() -> list[throughput.Row]:
         with common.announced(f"Timing the parts and other forms of the update on {device}"):
-            return update_speed.measure_update(driver(has_images), values["runner"], seconds, cpu_watch)
+            return update_speed.measure_update(driver(has_images), runner, seconds, cpu_watch)
 
     def train() -> list[throughput.Row]:
-        rows, single = train_speed.measure_train(driver(has_images), values["runner"], seconds, watch)
-        if values["processes"] > 1:
-            overrides = [o for o in HydraConfig.get().overrides.task if o.partition("=")[0] not in _OWN_KEYS]
+        rows, single = train_speed.measure_train(driver(has_images), runner, seconds, watch)
+        if options.processes > 1:
+            overrides = [o for o in options.overrides if o.partition("=")[0] not in _OWN_KEYS]
             kind = "cpu" if device == "cpu" else "cuda"
-            steps = values["num_envs"] * values["runner"]["num_steps_per_env"]
+            steps = options.num_envs * runner["num_steps_per_env"]
             iterations = max(train_speed.MIN_BLOCKS, round(seconds / (single.median * steps)))
             print(f"Training in {values['processes']} processes, {iterations} iterations", flush=True)
-            row = train_speed.measure_processes(values["processes"], overrides, kind, iterations, single)
+            row = train_speed.measure_processes(options.processes, overrides, kind, iterations, single)
             rows.append(row)
         return rows
 
@@ -138,36 +163,29 @@ def _measure(values: dict[str, Any], device: str, subjects: tuple[str, ...]) -> 
         "update": update,
         "train": train,
     }
+    subjects = SUBJECTS if options.what == "all" else (options.what,)
     return [row for subject in subjects for row in measures[subject]()]
 
 
-def _check(values: dict[str, Any]) -> Path | None:
-    """Reject what needs no simulator to reject; return the file to write."""
-    if values["what"] not in (*SUBJECTS, "all"):
-        raise ConfigError(f"what: unknown {values['what']!r}; choose from {', '.join(SUBJECTS)}, all")
+def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> Options:
+    """Reject what needs no simulator to reject, and make the folder of `out`.
+
+    Raises:
+        ConfigError: One line that names the key.
+    """
+    found = {"device": common.resolve_device(values["device"]), "overrides": tuple(overrides)}
+    options = from_keys(Options, {**values, **found})
     if "teacher" in values["runner"]["algorithm"]:
         name = values["algo"]["name"]
         raise ConfigError(
             f"algo: {name} learns from a teacher, which is not measured; use cvo or direct_depth"
         )
-    for key in ("num_envs", "processes"):
-        _require_count(key, values[key])
-    if type(values["seed"]) is not int:
-        raise ConfigError(f"seed: expected a whole number, got {values['seed']!r}")
-    counts = values["world_counts"]
-    if counts is not None and not isinstance(counts, list):
-        raise ConfigError(f"world_counts: expected a list such as [256,1024], got {counts!r}")
-    for count in counts or []:
-        _require_count("world_counts", count)
-    seconds = values["seconds"]
-    if type(seconds) not in (int, float) or not 0.0 < seconds < float("inf"):
-        raise ConfigError(f"seconds: expected a positive number, got {seconds!r}")
-    return common.output_file(values["out"], "bench.json")
-
-
-def _require_count(key: str, value: Any) -> None:
-    if type(value) is not int or value < 1:
-        raise ConfigError(f"{key}: expected whole numbers of at least 1, got {value!r}")
+    if options.device != "cpu" and options.processes > torch.cuda.device_count():
+        raise ConfigError(
+            f"processes: {torch.cuda.device_count()} GPUs found, one for each process is needed"
+        )
+    common.make_folder_of(options.out, "bench.json")
+    return options
 
 
 def _load() -> float | None:

@@ -8,22 +8,32 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated, Any
 
 import hydra
 import torch
 import warp as wp
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from spin_rl.config import ConfigError
+from spin_rl.benchmark.policies import PolicySource
+from spin_rl.config import ConfigError, Means
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.scene_file import load_scene
+from spin_rl.tasks.common.compose import compose, plain
 
+PolicyName = Annotated[str, Means("a name, checkpoint, run directory, .safetensors file, zero or random")]
+RENAMED = {"baseline": "camera"} | {
+    f"camera.{key}": f"camera_analysis.{key}" for key in ("tilts", "blind", "cells")
+}
+"""Old name of a setting -> what it is called now."""
 # What a user can cause; anything else is a defect and keeps its traceback.
 USER_ERRORS = (
     ConfigError,
@@ -32,52 +42,92 @@ USER_ERRORS = (
     FileExistsError,
     NotADirectoryError,
     PermissionError,
+    HydraException,
+    OmegaConfBaseException,
 )
 
 
+@dataclass(frozen=True)
+class Call:
+    """A call of a command.
+
+    Attributes:
+        values: Its composed configuration, nested.
+        overrides: Those of the command line, and those that follow from them, such as the policy's task.
+        opened: The policy that the command line names, where it was opened to know its task.
+    """
+
+    values: dict[str, Any]
+    overrides: Sequence[str]
+    opened: PolicySource | None = None
+
+
+Completed = tuple[list[str], PolicySource | None]
+"""Overrides with those that follow from them, and the policy that was opened to know which do."""
+
+
 def run(
-    name: str, body: Callable[[DictConfig], None], refused: Mapping[str, str] = MappingProxyType({})
+    name: str,
+    body: Callable[[Call], None],
+    complete: Callable[[list[str]], Completed],
+    refused: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Run a command under Hydra: `body` gets the composed configuration.
+    """Run a command: compose its configuration of the command line's overrides and call `body`.
 
     Exits with status 2 and one line on standard error when the configuration or input is bad; with Hydra's
-    HYDRA_FULL_ERROR=1 in the environment, with the traceback.
+    HYDRA_FULL_ERROR=1 in the environment, with the traceback. Hydra itself runs the command only where it is
+    given its own flags or settings, such as `--help`, `-m` or `hydra.sweep.dir`.
 
     Args:
         name: Configuration file in conf/, also the command's name after `spin-`.
         body: The command.
+        complete: Adds the overrides that follow from those given.
         refused: Arguments that this command cannot take, and why.
     """
+    arguments = sys.argv[1:]
+    with _one_line_errors(name):
+        for argument in arguments:
+            _refuse(argument, refused)
+        overrides, opened = complete(arguments)
+        if not any(_is_of_hydra(argument) for argument in arguments):
+            body(Call(compose(name, overrides), overrides, opened))
+            return
 
-    def guarded(cfg: DictConfig) -> None:
-        try:
-            body(cfg)
-        except USER_ERRORS as error:
-            if os.environ.get("HYDRA_FULL_ERROR") == "1":
-                raise
-            _fail(name, error)
+        def job(cfg: DictConfig) -> None:
+            with _one_line_errors(name):
+                body(Call(plain(cfg), HydraConfig.get().overrides.task, opened))
 
-    overrides = sys.argv[1:]
-    for reason in [refused[argument] for argument in overrides if argument in refused]:
-        _fail(name, ConfigError(reason))
-    has_options = any(argument.startswith("-") for argument in overrides)  # Hydra's own: help, multirun
-    if not has_options:
-        try:  # Hydra's own messages take many lines; composing first gives us the reason
-            with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-                OmegaConf.to_container(hydra.compose(name, overrides), resolve=True)
-        except (HydraException, OmegaConfBaseException) as error:
-            _fail(name, error)
-    hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(guarded)()
+        sys.argv[1:] = overrides  # what Hydra reads
+        hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(job)()
 
 
-def _fail(name: str, error: Exception) -> None:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    # Hydra's advice on its own internals helps no one here.
-    reason = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
-    if isinstance(error, OverrideParseException):  # its message shows a part only
-        reason = f"{error.override}: {reason}"
-    print(f"spin-{name}: error: {reason}", file=sys.stderr)
-    sys.exit(2)
+def _refuse(argument: str, refused: Mapping[str, str]) -> None:
+    """Reject an argument that a command cannot take, and one of a setting that has another name now."""
+    if argument in refused:
+        raise ConfigError(refused[argument])
+    key, _, value = argument.lstrip("+~").partition("=")
+    if key in RENAMED:
+        raise ConfigError(f"{key}: is called {RENAMED[key]} now: {RENAMED[key]}={value}")
+
+
+def _is_of_hydra(argument: str) -> bool:
+    return argument.startswith("-") or argument.lstrip("+~").startswith(("hydra.", "hydra/"))
+
+
+@contextlib.contextmanager
+def _one_line_errors(name: str) -> Iterator[None]:
+    try:
+        yield
+    except USER_ERRORS as error:
+        if os.environ.get("HYDRA_FULL_ERROR") == "1":
+            raise
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        # Hydra's advice on its own internals helps no one here.
+        reason = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
+        if isinstance(error, OverrideParseException):  # its message shows a part only
+            reason = f"{error.override}: {reason}"
+        print(f"spin-{name}: error: {reason}", file=sys.stderr)
+        sys.exit(2)
 
 
 def resolve_device(device: str) -> str:
@@ -119,8 +169,8 @@ def scene_file_argument(argument: str) -> str:
     return f"scene_file={value}"
 
 
-def output_file(out: str | None, example: str) -> Path | None:
-    """Return the file that `out` names, its folder made; None for None.
+def make_folder_of(out: Path | None, example: str) -> None:
+    """Make the folder that the file named by `out` goes to; nothing to do for None.
 
     Args:
         out: The option's value.
@@ -130,18 +180,16 @@ def output_file(out: str | None, example: str) -> Path | None:
         ConfigError: It is a folder, or its folder cannot be made.
     """
     if out is None:
-        return None
-    path = Path(str(out))
-    if path.is_dir():
-        raise ConfigError(f"out: {path} is a folder; name a file such as {path / example}")
+        return
+    if out.is_dir():
+        raise ConfigError(f"out: {out} is a folder; name a file such as {out / example}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"out: cannot make the folder {path.parent}: {error.strerror}") from None
-    return path
+        raise ConfigError(f"out: cannot make the folder {out.parent}: {error.strerror}") from None
 
 
-def load_scene_file(name: str | None) -> Scene | None:
+def load_scene_file(name: Path | None) -> Scene | None:
     """Read a user-written scene, or one of conf/scenes_examples by its file's name; None for None.
 
     Raises:
@@ -149,7 +197,7 @@ def load_scene_file(name: str | None) -> Scene | None:
     """
     if name is None:
         return None
-    for path in (Path(name), CONF_DIR / "scenes_examples" / name):
+    for path in (name, CONF_DIR / "scenes_examples" / name):
         if path.is_file():
             return load_scene(path)
     raise ConfigError(f"scene: there is no file {name}")

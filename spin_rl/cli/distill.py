@@ -6,25 +6,25 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
 
 from spin_rl.benchmark import settings
+from spin_rl.benchmark.policies import check_task
 from spin_rl.cli import common, run_folder, task_choice
-from spin_rl.config import ConfigError
+from spin_rl.config import Choice, ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.distillation.algorithm import student_config
 from spin_rl.runners.distillation.runner import DistillRunner, check_distillation
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import load_policy
+from spin_rl.runners.policy_file import TrainedPolicy
 from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.runners.warm_start import copy_model
-from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.registry import TaskSpec, find_task
@@ -32,47 +32,60 @@ from spin_rl.tasks.registry import TaskSpec, find_task
 MODES = ("sync", "async")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options(run_folder.RunOptions):
+    """What a call asks for, checked; `teacher` names the policy to learn from, `mode` is one of `MODES`."""
+
+    teacher: run_folder.SourceName
+    mode: Annotated[str, Choice(MODES)]
+
+
 def main() -> None:
     """Entry point of the `spin-distill` command."""
-    arguments = common.with_preset(sys.argv[1:], torch.cuda.is_available(), "distill_preset")
-    sys.argv[1:] = task_choice.with_task(arguments, "teacher")
-    common.run("distill", distill, task_choice.UNTRAINABLE)
+
+    def complete(given: list[str]) -> common.Completed:
+        given = common.with_preset(given, torch.cuda.is_available(), "distill_preset")
+        return task_choice.with_task(given, "teacher")
+
+    common.run("distill", distill, complete, task_choice.UNTRAINABLE)
 
 
-def distill(cfg: DictConfig) -> None:
+def distill(call: common.Call) -> None:
     """Run one distillation to its limit of iterations or minutes and write its summary.
 
     Writes into the run's folder what `spin-train` does. Bad settings are found before anything is written or
     compiled.
     """
-    values = _configure(cfg)
+    options = run_folder.read_options(Options, call.values, call.overrides)
+    if options.mode == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
+        raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
+    teacher = run_folder.open_source("teacher", options.teacher)
+    start = None if options.init is None else run_folder.open_source("init", options.init)
+    values = _configure(call, options, teacher)
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
-    device = common.resolve_device(values["device"])
     rank = int(os.environ.get("RANK", "0"))
-    seed = values["seed"]
-    checkpoint = None if values["resume"] is None else resolve_checkpoint(values["resume"])
-    run_dir = run_folder.find(values, checkpoint)
-    if device == "cpu" and "WORLD_SIZE" not in os.environ:
+    checkpoint = None if options.resume is None else resolve_checkpoint(options.resume)
+    run_dir = run_folder.find(options, checkpoint)
+    if options.device == "cpu" and "WORLD_SIZE" not in os.environ:
         torch.set_num_threads(1)
-    torch.manual_seed(seed)
+    torch.manual_seed(options.seed)
 
-    make = partial(make_env, spec, task, values["num_envs"], device, seed + 10_000 * rank)
-    learning = values["runner"] | {"seed": seed}
+    make = partial(make_env, spec, task, options.num_envs, options.device, options.seed + 10_000 * rank)
     try:
-        with closing(_make_runner(values["mode"], make, learning, run_dir, device, values)) as runner:
+        with closing(_make_runner(options, make, run_dir, values)) as runner:
             if checkpoint is not None:
                 run_folder.report_changes(runner.load(checkpoint), values)
-            elif values["init"] is not None:
-                _start_from(runner, values["init"], run_folder.range_note(values["init"], values))
+            elif start is not None:
+                _start_from(runner, start, run_folder.range_note(start.config, values))
             run_folder.write_config(run_dir, values)
-            summary = runner.train(values["max_iterations"], values["max_minutes"])
+            summary = runner.train(options.max_iterations, options.max_minutes)
     except CollectorError as error:
         sys.exit(f"spin-distill: error: {error}")
-    run_folder.write_results(run_dir, summary, values, device)
+    run_folder.write_results(run_dir, summary, options)
 
 
-def _start_from(runner: DistillRunner, source: str, note: str = "") -> None:
+def _start_from(runner: DistillRunner, source: TrainedPolicy, note: str = "") -> None:
     """Let the student begin as another policy, one that sees what it sees or what its teacher does.
 
     Args:
@@ -84,11 +97,11 @@ def _start_from(runner: DistillRunner, source: str, note: str = "") -> None:
         ConfigError: It does not fit; one line that says why.
     """
     try:
-        notes = copy_model(runner.alg.student, load_policy(source), Camera())
+        notes = copy_model(runner.alg.student, source.build(), Camera())
     except ValueError as error:
-        raise ConfigError(f"init: {source} cannot start the student: {error}") from None
+        raise ConfigError(f"init: {source.name} cannot start the student: {error}") from None
     if common.is_main_process():
-        print(f"Initialized from {source}: {notes}{note}", flush=True)
+        print(f"Initialized from {source.name}: {notes}{note}", flush=True)
 
 
 def make_env(spec: TaskSpec, task: TaskConfig, num_envs: int, device: str, seed: int) -> TaskEnv:
@@ -98,40 +111,28 @@ def make_env(spec: TaskSpec, task: TaskConfig, num_envs: int, device: str, seed:
 
 
 def _make_runner(
-    mode: str,
-    make: Callable[[], TaskEnv],
-    learning: dict[str, Any],
-    run_dir: Path,
-    device: str,
-    values: dict[str, Any],
+    options: Options, make: Callable[[], TaskEnv], run_dir: Path, values: dict[str, Any]
 ) -> DistillRunner:
-    if mode == "sync":
-        return DistillRunner(make(), learning, run_dir, device, snapshot=values)
-    env = RemoteEnv(make, device)
+    learning = values["runner"] | {"seed": options.seed}
+    if options.mode == "sync":
+        return DistillRunner(make(), learning, run_dir, options.device, snapshot=values)
+    env = RemoteEnv(make, options.device)
     try:
-        return AsyncDistillRunner(env, learning, run_dir, device, snapshot=values)
+        return AsyncDistillRunner(env, learning, run_dir, options.device, snapshot=values)
     except BaseException:
         env.close()
         raise
 
 
-def _configure(cfg: DictConfig) -> dict[str, Any]:
-    """Fill in what the teacher says, and reject what needs no simulator to reject."""
-    source = cfg.teacher
-    teacher = run_folder.policy_metadata("teacher", source)
-    if cfg.init is not None:
-        run_folder.policy_metadata("init", cfg.init)
-    values = plain(settings.for_policy(cfg, teacher["config"], HydraConfig.get().overrides.task))
-    task = values["task"]["name"]
-    task_choice.check_task(source, teacher["config"], task, "teacher")
-    run_folder.check_call(values)
-    if values["mode"] not in MODES:
-        raise ConfigError(f"mode: expected one of {', '.join(MODES)}, got {values['mode']!r}")
-    if values["mode"] == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
-        raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
+def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> dict[str, Any]:
+    """Return the run's configuration: fill in what the teacher says, and check what the student learns by."""
+    values = settings.for_policy(call.values, teacher.config, options.overrides)
+    spec = find_task(values["task"]["name"])
+    own = teacher.config.get("task", {}).get("name")
+    check_task("teacher", teacher.name, own, spec.name, spec.name)
     runner = dict(values["runner"])
-    runner |= student_config(teacher, runner.pop("depth_encoder"), runner.pop("further_groups"))
-    check_distillation(runner, dict.fromkeys(find_task(task).groups), values["num_envs"])
+    runner |= student_config(teacher.metadata, runner.pop("depth_encoder"), runner.pop("further_groups"))
+    check_distillation(runner, dict.fromkeys(spec.groups), options.num_envs)
     return with_depth(values | {"runner": runner})
 
 

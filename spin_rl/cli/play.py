@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
 
+from spin_rl.benchmark import policies, settings
 from spin_rl.cli import common
-from spin_rl.cli.task_choice import check_task, trained_task, with_task
-from spin_rl.config import ConfigError
+from spin_rl.cli.task_choice import with_task
+from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
-from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.registry import any_config, make_env, plain
+from spin_rl.tasks.common.config import TaskConfig
+from spin_rl.tasks.registry import TASKS, TaskSpec, find_task
 
 VIEWERS = ("viser", "native", "none")
 # To find a world's corridor, all before it are drawn as well.
 _MOST_WORLDS = 20_000
-
-
-def main() -> None:
-    """Entry point of the `spin-play` command."""
-    sys.argv[1:] = with_task([common.scene_file_argument(argument) for argument in sys.argv[1:]])
-    common.run("play", play)
 
 
 @dataclass(frozen=True)
@@ -38,7 +32,7 @@ class Options:
         policy: Name or path; in a fetch of the one that drives.
         pick: The one that picks in a fetch; None takes the shipped one that sees what `policy` sees.
         scenario: 1 or 2.
-        difficulty: Index into `DIFFICULTIES`.
+        difficulty: One of `DIFFICULTIES`.
         episodes: Episodes of a video or of plots.
         seed: Of corridors, start poses and goals.
         world: Index in the reach benchmark's batch of the seed, whose corridor is played; None for others.
@@ -53,29 +47,39 @@ class Options:
         scene_file: A fixed scene, or None.
     """
 
-    policy: str
-    pick: str | None
-    scenario: int
-    difficulty: int
-    episodes: int
-    seed: int
-    world: int | None
-    viewer: str
+    policy: common.PolicyName
+    pick: common.PolicyName | None
+    scenario: Annotated[int, Choice(SCENARIOS)]
+    difficulty: Annotated[str, Choice(DIFFICULTIES)]
+    episodes: Annotated[int, Range(1, 1000)]
+    seed: Annotated[int, Range(0, 2**31 - 1)]
+    world: Annotated[int, Range(0, _MOST_WORLDS - 1)] | None
+    viewer: Annotated[str, Choice(VIEWERS)]
     video: Path | None
-    samples: int
+    samples: Annotated[int, Range(1, 4)]
     plots: Path | None
-    worlds: int
+    worlds: Annotated[int, Range(1, 16)]
     host: str
-    port: int
+    port: Annotated[int, Range(1, 65535)]
     device: str
-    scene_file: str | None
+    scene_file: Path | None
+
+    @property
+    def level(self) -> int:
+        """Index of `difficulty` in `DIFFICULTIES`."""
+        return DIFFICULTIES.index(self.difficulty)
 
 
-def play(cfg: DictConfig) -> None:
-    """Show the policy that `cfg` names; write the video and the plots before any live view."""
-    values = plain(cfg)
-    options = check(values)
-    players = Players(cfg, options, HydraConfig.get().overrides.task)
+def main() -> None:
+    """Entry point of the `spin-play` command."""
+    common.run("play", play, lambda given: with_task([common.scene_file_argument(a) for a in given]))
+
+
+def play(call: common.Call) -> None:
+    """Show the policy that was asked for; write the video and the plots before any live view."""
+    spec = find_task(call.values["task"]["name"])
+    options = read_options(call, spec)
+    players = Players(call, spec, options)
     if options.device == "cpu":
         torch.set_num_threads(1)
     if options.video or options.plots or options.viewer == "none":
@@ -87,23 +91,20 @@ def play(cfg: DictConfig) -> None:
     elif options.viewer == "viser":
         from spin_rl.viewer.browser.view import Browser
 
-        task = values["task"]["name"]
-        names = _shipped("nav" if task == "fetch" else task)
+        names = _shipped(spec.policies["policy"])
         with Browser(options.host, options.port) as browser:
             browser.run(
                 lambda name: players.open(name, options.worlds),
                 policies=list(dict.fromkeys([options.policy, *names, "zero", "random"])),
                 scenario=options.scenario,
-                difficulty=options.difficulty,
+                difficulty=options.level,
             )
 
 
 def _shipped(task: str) -> list[str]:
     """Names of the shipped policies of a task."""
-    from spin_rl.benchmark.policies import open_policy
-
     names = [file.stem for file in sorted(POLICY_DIR.glob("*.safetensors"))]
-    return [name for name in names if trained_task(open_policy(name)[1]) == task]
+    return [name for name in names if policies.open_policy(name).task == task]
 
 
 def _record(players: Players, options: Options) -> None:
@@ -143,17 +144,12 @@ def _record(players: Players, options: Options) -> None:
 class Players:
     """Opens policies, each in an environment as it was trained for."""
 
-    def __init__(self, cfg: DictConfig, options: Options, overrides: list[str]) -> None:
-        """Remember the configuration.
-
-        Args:
-            cfg: Composed conf/play.yaml.
-            options: The same, checked.
-            overrides: Overrides of the command line, which win over a policy's own settings.
-        """
-        self._cfg = cfg
+    def __init__(self, call: common.Call, spec: TaskSpec, options: Options) -> None:
+        """Remember what was asked for."""
+        self._call = call
+        self._spec = spec
         self._options = options
-        self._overrides = overrides
+        self._opened = call.opened
         self._envs: dict[str, Any] = {}
 
     def open(self, policy: str, worlds: int) -> Any:
@@ -162,13 +158,14 @@ class Players:
         Raises:
             ConfigError: There is no such policy, or the scene does not fit it.
         """
-        from spin_rl.benchmark import settings
         from spin_rl.viewer.rollout import Player
 
-        options = self._options
-        make_policy, trained, title = self._find(policy)
-        task = any_config(settings.for_policy(self._cfg, trained, self._overrides))
-        idle = settings.unused_depth(task, self._overrides)
+        options, overrides = self._options, self._call.overrides
+        # Only once: a training that goes on may have replaced the file when it is chosen again.
+        opened, self._opened = self._opened, None
+        source = policies.open_for(self._spec, {"policy": policy, "pick": options.pick}, opened)
+        task = self._spec.configure(settings.for_policy(self._call.values, source.trained, overrides))
+        idle = settings.unused_depth(task, overrides)
         if idle is not None:  # no error: the browser's menu has other policies
             print(f"warning: {idle}", file=sys.stderr)
         key = f"{worlds} {task}"
@@ -177,90 +174,49 @@ class Players:
             with common.announced(f"Starting {worlds} world{'s' if worlds > 1 else ''} on {options.device}"):
                 self._envs[key] = self._start(task, worlds)
         env = self._envs[key]
-        player = Player(env, make_policy(env.get_observations(), options.device), title)
-        player.start(options.scenario, options.difficulty, seed=options.seed)
+        title = ", ".join(Path(name).stem for name in source.names.values())
+        player = Player(env, source.make(env.get_observations(), options.device), title)
+        player.start(options.scenario, options.level, seed=options.seed)
         return player
 
-    def _find(self, policy: str) -> tuple[Any, dict[str, Any], str]:
-        """Find a policy or the two of a fetch: what makes it, what it was trained with, and its title."""
-        from spin_rl.benchmark import policies
-
-        if self._cfg.task.name == "fetch":
-            make_policy, trained, pick = policies.open_fetch_policy(policy, self._options.pick)
-            return make_policy, trained, f"{Path(policy).stem}, {Path(pick).stem}"
-        make_policy, trained = policies.open_policy(policy)
-        check_task(policy, trained, self._cfg.task.name)
-        return make_policy, trained, Path(policy).stem
-
-    def _start(self, task: Any, worlds: int) -> Any:
+    def _start(self, task: TaskConfig, worlds: int) -> Any:
         """Start the worlds of a task; corridors may be a scene file's, or one of the benchmark's."""
         from spin_rl.benchmark.reach import Cell, in_usual_pool
         from spin_rl.benchmark.replay import benchmark_scene
-        from spin_rl.tasks.nav.env import NavEnv
 
         options = self._options
-        if not isinstance(task, NavConfig):
-            return make_env(task, worlds, options.device, options.seed)
         scene = common.load_scene_file(options.scene_file)
         if options.world is not None:
-            cell = Cell(options.scenario, DIFFICULTIES[options.difficulty])
+            cell = Cell(options.scenario, options.difficulty)
             scene = benchmark_scene(task, cell, options.seed, options.world, options.device)
-        fixed = None if scene is None else in_usual_pool(scene)
-        return NavEnv(task, worlds, options.device, options.seed, scene=fixed)
+        fixed = {} if scene is None else {"scene": in_usual_pool(scene)}
+        return self._spec.make_env(task, worlds, options.device, options.seed, **fixed)
 
 
-def check(values: dict[str, Any]) -> Options:
+def read_options(call: common.Call, spec: TaskSpec) -> Options:
     """Reject what needs no simulator to reject.
 
     Raises:
         ConfigError: One line that names the key.
     """
-    if not isinstance(values["policy"], str):
-        raise ConfigError("policy: give a name, checkpoint, run directory, .safetensors file, zero or random")
-    if values["scenario"] not in SCENARIOS:
-        raise ConfigError(f"scenario: expected 1 or 2, got {values['scenario']!r}")
-    if values["difficulty"] not in DIFFICULTIES:
-        choices = ", ".join(DIFFICULTIES)
-        raise ConfigError(f"difficulty: unknown {values['difficulty']!r}; choose from {choices}")
-    for key, low, high in (
-        ("episodes", 1, 1000),
-        ("seed", 0, 2**31 - 1),
-        ("samples", 1, 4),
-        ("worlds", 1, 16),
-        ("port", 1, 65535),
-    ):
-        if type(values[key]) is not int or not low <= values[key] <= high:
-            raise ConfigError(f"{key}: expected a whole number from {low} to {high}, got {values[key]!r}")
-    world = values["world"]
-    if world is not None and (type(world) is not int or not 0 <= world < _MOST_WORLDS):
-        raise ConfigError(f"world: expected a whole number from 0 to {_MOST_WORLDS - 1}, got {world!r}")
-    if world is not None and values["scene_file"] is not None:
+    values = call.values
+    default = "none" if values["video"] or values["plots"] else "viser"
+    found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
+    options = from_keys(Options, values | found)
+    if options.world is not None and options.scene_file is not None:
         raise ConfigError("world: a scene file is the same in every world")
-    for key in ("pick", "video", "plots", "scene_file", "viewer"):
-        if values[key] is not None and not isinstance(values[key], str):
-            raise ConfigError(f"{key}: expected a name, got {values[key]!r}")
-    for key in ("world", "scene_file"):
-        if values["task"]["name"] != "nav" and values[key] is not None:
-            raise ConfigError(f"{key.removesuffix('_file')}: {values[key]} needs a policy of task=nav")
-    if values["pick"] is not None and values["task"]["name"] != "fetch":
-        raise ConfigError(f"pick: {values['pick']} needs task=fetch")
-    video = None if values["video"] is None else Path(values["video"])
-    plots = None if values["plots"] is None else Path(values["plots"])
-    viewer = values["viewer"] or ("none" if video or plots else "viser")
-    if viewer not in VIEWERS:
-        raise ConfigError(f"viewer: unknown {viewer!r}; choose from {', '.join(VIEWERS)}")
-    options = Options(
-        **{key: values[key] for key in ("policy", "pick", "scenario", "episodes", "seed", "samples")},
-        **{key: values[key] for key in ("worlds", "port", "scene_file", "world")},
-        difficulty=DIFFICULTIES.index(values["difficulty"]),
-        viewer=viewer,
-        video=video,
-        plots=plots,
-        host=str(values["host"]),
-        device=common.resolve_device(values["device"]),
-    )
+    for key, value in (("world", options.world), ("scene", options.scene_file)):
+        if value is not None and not spec.scene_files:
+            raise ConfigError(f"{key}: {value} needs a policy of {_those(lambda spec: spec.scene_files)}")
+    if options.pick is not None and "pick" not in spec.policies:
+        raise ConfigError(f"pick: {options.pick} needs {_those(lambda spec: 'pick' in spec.policies)}")
     _check_views(options)
     return options
+
+
+def _those(fits: Callable[[TaskSpec], bool]) -> str:
+    """Name the tasks that fit."""
+    return " or ".join(f"task={name}" for name, spec in TASKS.items() if fits(spec))
 
 
 def _check_views(options: Options) -> None:

@@ -5,63 +5,93 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from hydra.core.hydra_config import HydraConfig
 
 from spin_rl.cli import common
-from spin_rl.config import ConfigError
+from spin_rl.config import POSITIVE, ConfigError, Means, Range, from_keys
 from spin_rl.files import write_text
-from spin_rl.runners.policy_file import read_policy
+from spin_rl.runners.policy_file import TrainedPolicy, read_policy
+
+SourceName = Annotated[str, Means("the name or path of a policy")]
 
 # Settings of a call rather than of the run.
 _PER_CALL = ("resume", "init", "run_dir", "max_minutes", "max_iterations", "evaluate", "device", "seed")
 
 
-def check_call(values: dict[str, Any]) -> None:
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """What a training call asks for beside the run's own settings, checked.
+
+    Attributes:
+        num_envs: Worlds of each process.
+        seed: Of weights and worlds.
+        max_iterations: Last iteration.
+        max_minutes: Wall-clock limit of the call, or None.
+        run_dir: Folder of the run.
+        resume: Run folder or checkpoint to continue, or None.
+        init: Policy whose weights to start from, or None.
+        evaluate: Episodes of the benchmark after training; 0 for none.
+        device: "cpu" or "cuda:N".
+        overrides: Those of the command line.
+    """
+
+    num_envs: Annotated[int, Range(1)]
+    seed: Annotated[int, Range(0)]
+    max_iterations: Annotated[int, Range(1)]
+    max_minutes: Annotated[float, POSITIVE] | None
+    run_dir: Path
+    resume: Path | None
+    init: SourceName | None
+    evaluate: Annotated[int, Range(0)]
+    device: str
+    overrides: tuple[str, ...]
+
+
+Options = TypeVar("Options", bound=RunOptions)
+
+
+def read_options(kind: type[Options], values: Mapping[str, Any], overrides: Sequence[str]) -> Options:
     """Reject numbers and paths that need no simulator to reject.
+
+    Args:
+        kind: The command's options.
+        values: Composed configuration.
+        overrides: Those of the command line.
 
     Raises:
         ConfigError: One line that names the key.
     """
-    for key, least in (("num_envs", 1), ("seed", 0), ("max_iterations", 1), ("evaluate", 0)):
-        value = values[key]
-        if type(value) is not int or value < least:
-            raise ConfigError(f"{key}: expected a whole number from {least} on, got {value!r}")
-    minutes = values["max_minutes"]
-    if minutes is not None and (type(minutes) not in (int, float) or not 0.0 < minutes < math.inf):
-        raise ConfigError(f"max_minutes: expected a positive number or null, got {minutes!r}")
-    for key in ("run_dir", "resume"):
-        if not isinstance(values[key], str) and not (key == "resume" and values[key] is None):
-            raise ConfigError(f"{key}: expected a path, got {values[key]!r}")
+    device = common.resolve_device(values["device"])
+    return from_keys(kind, {**values, "device": device, "overrides": tuple(overrides)})
 
 
-def policy_metadata(key: str, source: object) -> dict[str, Any]:
-    """Read what the policy that a setting names says of itself; see `policy_file.read_policy`.
+def open_source(key: str, name: str) -> TrainedPolicy:
+    """Read the policy that a setting names; see `policy_file.read_policy`.
 
     Raises:
         ConfigError: There is none; one line that names the key.
     """
-    if not isinstance(source, str):
-        raise ConfigError(f"{key}: expected the name or path of a policy, got {source!r}")
     try:
-        return read_policy(source)[1]
+        return read_policy(name)
     except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"{key}: {error}") from None
 
 
-def find(values: dict[str, Any], checkpoint: Path | None) -> Path:
+def find(options: RunOptions, checkpoint: Path | None) -> Path:
     """Return the folder of this run: a resumed run stays in its own unless another is named.
 
     Raises:
         ConfigError: Another run is in it.
     """
-    named = any(override.startswith("run_dir=") for override in HydraConfig.get().overrides.task)
+    named = any(override.startswith("run_dir=") for override in options.overrides)
     if checkpoint is not None and checkpoint.parent.name == "checkpoints" and not named:
         return checkpoint.parent.parent
-    path = Path(values["run_dir"])
+    path = options.run_dir
     if checkpoint is None and (path / "checkpoints" / "last.pt").exists():
         raise ConfigError(
             f"run_dir: {path} holds a run; continue it with resume={path} or name another folder"
@@ -78,9 +108,13 @@ def report_changes(state: dict[str, Any], values: dict[str, Any]) -> None:
         print(f"Continuing with other settings than before: {', '.join(changed)}", flush=True)
 
 
-def range_note(source: str, values: dict[str, Any]) -> str:
-    """Say that the policy to start from read depths in another range than this run has; empty if not."""
-    trained = read_policy(source)[1]["config"] or {}
+def range_note(trained: Mapping[str, Any], values: Mapping[str, Any]) -> str:
+    """Say that the policy to start from read depths in another range than this run has; empty if not.
+
+    Args:
+        trained: Configuration of the policy's training.
+        values: That of this run.
+    """
     if not all(run.get("task", {}).get("depth", {}).get("enabled") for run in (trained, values)):
         return ""
     then, now = ([run["depth"]["filter"][name] for name in ("near_m", "far_m")] for run in (trained, values))
@@ -107,12 +141,12 @@ def write_config(run_dir: Path, values: dict[str, Any]) -> None:
         write_text(run_dir / "config.yaml", yaml.safe_dump(values, sort_keys=False))
 
 
-def write_results(run_dir: Path, summary: dict[str, Any], values: dict[str, Any], device: str) -> None:
+def write_results(run_dir: Path, summary: dict[str, Any], options: RunOptions) -> None:
     """Write `summary.json` and, if the call asks for it, evaluate; only the main process does."""
     if not common.is_main_process():
         return
     processes = int(os.environ.get("WORLD_SIZE", "1"))
-    summary = summary | {"device": device, "processes": processes, "seed": values["seed"]}
+    summary = summary | {"device": options.device, "processes": processes, "seed": options.seed}
     path = run_dir / "summary.json"
     # JSON has no NaN: rates of no episodes are null.
     plain = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in summary.items()}
@@ -120,13 +154,13 @@ def write_results(run_dir: Path, summary: dict[str, Any], values: dict[str, Any]
     success = summary["success_rate"]
     result = "no episode over yet" if math.isnan(success) else f"success {success:.2f}"
     print(f"Wrote {path}: {result} after {summary['env_steps']:,} env steps")
-    if values["evaluate"]:
+    if options.evaluate:
         from spin_rl.benchmark.after_training import evaluate_run
 
         evaluate_run(
             run_dir,
-            episodes=values["evaluate"],
-            device=device,
+            episodes=options.evaluate,
+            device=options.device,
             announce=common.announced,
-            overrides=HydraConfig.get().overrides.task,
+            overrides=options.overrides,
         )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
-from omegaconf import DictConfig
 
 from spin_rl.cli import common, run_folder
 from spin_rl.cli.task_choice import UNTRAINABLE
@@ -15,20 +15,31 @@ from spin_rl.config import ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint
 from spin_rl.runners.config import check_config
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import read_policy
+from spin_rl.runners.policy_file import TrainedPolicy
 from spin_rl.runners.ppo.dvo import check_teacher
 from spin_rl.runners.warm_start import warm_start
-from spin_rl.tasks.common.compose import plain, with_depth
+from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.registry import find_task
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(run_folder.RunOptions):
+    """What a training call asks for, checked; `teacher` names the policy to learn from."""
+
+    teacher: run_folder.SourceName | None
 
 
 def main() -> None:
     """Entry point of the `spin-train` command."""
-    sys.argv[1:] = common.with_preset(sys.argv[1:], torch.cuda.is_available())
-    common.run("train", train, UNTRAINABLE)
+    common.run(
+        "train",
+        train,
+        lambda given: (common.with_preset(given, torch.cuda.is_available()), None),
+        UNTRAINABLE,
+    )
 
 
-def train(cfg: DictConfig) -> None:
+def train(call: common.Call) -> None:
     """Run one training to its limit of iterations or minutes and write its summary.
 
     Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also
@@ -36,75 +47,84 @@ def train(cfg: DictConfig) -> None:
     """
     from spin_rl.runners.ppo.runner import PPORunner
 
-    values = with_depth(plain(cfg))
+    values = with_depth(call.values)
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
-    _check(values)
-    device = common.resolve_device(values["device"])
+    options, start = read_options(values, call.overrides)
     rank = int(os.environ.get("RANK", "0"))
-    seed = values["seed"]
-    checkpoint = None if values["resume"] is None else resolve_checkpoint(values["resume"])
-    run_dir = run_folder.find(values, checkpoint)
-    if device == "cpu" and "WORLD_SIZE" not in os.environ:
+    checkpoint = None if options.resume is None else resolve_checkpoint(options.resume)
+    run_dir = run_folder.find(options, checkpoint)
+    if options.device == "cpu" and "WORLD_SIZE" not in os.environ:
         torch.set_num_threads(1)
-    torch.manual_seed(seed)
+    torch.manual_seed(options.seed)
 
-    with common.announced(f"Starting {values['num_envs']} worlds on {device}"):
+    with common.announced(f"Starting {options.num_envs} worlds on {options.device}"):
         # Every process draws its own worlds.
-        env = spec.make_env(task, values["num_envs"], device, seed + 10_000 * rank)
-    learning = values["runner"] | {"seed": seed}
-    runner = PPORunner(env, learning, run_dir, device, snapshot=values)
+        env = spec.make_env(task, options.num_envs, options.device, options.seed + 10_000 * rank)
+    learning = values["runner"] | {"seed": options.seed}
+    runner = PPORunner(env, learning, run_dir, options.device, snapshot=values)
     if checkpoint is not None:
         run_folder.report_changes(runner.load(checkpoint), values)
-    elif values["init"] is not None:
+    elif start is not None:
         message = warm_start(
             runner.alg,
-            values["init"],
+            start,
             Camera.of(env),
             camera_is_frozen=task.camera_pose is not None,
-            critic=_rewards_alike(values),
+            critic=_rewards_alike(start.config, values),
         )
         if common.is_main_process():
-            print(message + run_folder.range_note(values["init"], values), flush=True)
+            print(message + run_folder.range_note(start.config, values), flush=True)
     run_folder.write_config(run_dir, values)  # not before: a resume that is refused leaves the run as it was
-    summary = runner.train(values["max_iterations"], values["max_minutes"])
-    run_folder.write_results(run_dir, summary, values, device)
+    summary = runner.train(options.max_iterations, options.max_minutes)
+    run_folder.write_results(run_dir, summary, options)
 
 
-def _check(values: dict[str, Any]) -> None:
-    """Reject what needs no simulator to reject, before kernels are compiled and files written."""
-    run_folder.check_call(values)
-    _check_sources(values)
+def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> tuple[Options, TrainedPolicy | None]:
+    """Reject what needs no simulator to reject, before kernels are compiled and files written.
+
+    Args:
+        values: Configuration of the run.
+        overrides: Those of the command line.
+
+    Returns:
+        What was asked for, and the policy to start from.
+
+    Raises:
+        ValueError: One line that names the key.
+    """
+    options = run_folder.read_options(Options, values, overrides)
+    start = _open_sources(options, values)
     groups = find_task(values["task"]["name"]).groups
-    check_config(values["runner"], dict.fromkeys(groups), values["num_envs"])
+    check_config(values["runner"], dict.fromkeys(groups), options.num_envs)
+    return options, start
 
 
-def _check_sources(values: dict[str, Any]) -> None:
-    """Reject policies to start or learn from that do not exist, or cannot teach."""
-    for key in ("teacher", "init"):
-        if values[key] is not None:
-            run_folder.policy_metadata(key, values[key])
+def _open_sources(options: Options, values: Mapping[str, Any]) -> TrainedPolicy | None:
+    """Open the policy to start from, if there is one; reject a teacher that is missing, idle or of no use."""
+    names = {"teacher": options.teacher, "init": options.init}
+    opened = {key: run_folder.open_source(key, name) for key, name in names.items() if name is not None}
     has_teacher = "teacher" in values["runner"]["algorithm"]
-    if has_teacher and values["teacher"] is None:
+    if has_teacher and options.teacher is None:
         raise ConfigError(
             f"teacher: algo={values['algo']['name']} learns from a policy of algo=dvo1a; "
             "teacher=<name, run, checkpoint or file>"
         )
-    if not has_teacher and values["teacher"] is not None:
+    if not has_teacher and options.teacher is not None:
         raise ConfigError(
             f"teacher: algo={values['algo']['name']} has none; to start from a policy's weights use init="
         )
     if has_teacher:
-        check_teacher(values["teacher"])
+        check_teacher(opened["teacher"])
+    return opened.get("init")
 
 
-def _rewards_alike(values: dict[str, Any]) -> bool:
+def _rewards_alike(trained: Mapping[str, Any], values: Mapping[str, Any]) -> bool:
     """Whether the policy to start from was trained on the same reward, so that its critic knows its worth."""
-    trained = read_policy(values["init"])[1]["config"]
-    return (trained or {}).get("reward") == values["reward"] and _task_reward(values) == _task_reward(trained)
+    return trained.get("reward") == values["reward"] and _task_reward(values) == _task_reward(trained)
 
 
-def _task_reward(values: dict[str, Any]) -> float:
+def _task_reward(values: Mapping[str, Any]) -> float:
     return values["runner"]["algorithm"].get("task_reward", 1.0)
 
 

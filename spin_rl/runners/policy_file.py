@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,45 +42,71 @@ def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None
     """
     if path.suffix != ".safetensors":
         raise ValueError(f"A policy file is named <name>.safetensors, not {path.name}.")
-    weights, metadata = read_policy(checkpoint)
-    metadata |= {"facts": facts or {}}
-    data = save({key: tensor.contiguous() for key, tensor in weights.items()}, {_KEY: json.dumps(metadata)})
+    policy = read_policy(checkpoint)
+    metadata = policy.metadata | {"facts": facts or {}}
+    weights = {key: tensor.contiguous() for key, tensor in policy.weights.items()}
+    data = save(weights, {_KEY: json.dumps(metadata)})
     write_atomically(path, lambda file: file.write(data))
     return metadata
 
 
-def load_policy(name_or_path: str | Path, obs: TensorDict | None = None, device: str = "cpu") -> ScandotModel:
-    """Build a trained actor, ready to act.
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A trained actor as it was read, once; see `read_policy`.
 
-    Args:
-        name_or_path: Name of a shipped policy, a policy file, a checkpoint or a run's folder.
-        obs: Observations of the environment that it shall act in, checked against those it was trained on.
-        device: Torch device.
-
-    Returns:
-        The model in evaluation mode; `model(obs)` gives its deterministic actions of shape (num_envs,
-        num_actions), `model.reset(dones)` clears the memory of the environments that are done.
-
-    Raises:
-        FileNotFoundError: There is no such policy.
-        ValueError: It is damaged, or does not fit the observations; one line that names what differs.
+    Attributes:
+        name: What it was asked for by.
+        weights: Those of the actor, on the CPU.
+        metadata: obs_groups (names), obs_dims, num_actions, actor (class and arguments), config (whole
+            configuration of the run), env_steps, iteration, minutes, and facts where given.
     """
-    weights, metadata = read_policy(name_or_path)
-    dims = {group: metadata["obs_dims"][group] for group in metadata["obs_groups"]}
-    if obs is not None:
+
+    name: str
+    weights: Mapping[str, torch.Tensor]
+    metadata: Mapping[str, Any]
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """Configuration of the run, nested; empty where there is none."""
+        return self.metadata["config"] or {}
+
+    def build(self, obs: TensorDict | None = None, device: str = "cpu") -> ScandotModel:
+        """Build the actor, ready to act.
+
+        Args:
+            obs: Observations of the environment that it shall act in, checked against those it was trained
+                on.
+            device: Torch device.
+
+        Returns:
+            The model in evaluation mode; `model(obs)` gives its deterministic actions of shape (num_envs,
+            num_actions), `model.reset(dones)` clears the memory of the environments that are done.
+
+        Raises:
+            ValueError: It is damaged, or does not fit the observations; one line that names what differs.
+        """
+        description = self.metadata["actor"]
+        dims = {group: self.metadata["obs_dims"][group] for group in self.metadata["obs_groups"]}
+        if obs is not None:
+            self._check(obs, dims)
+        actor = build_model(description, "actor", dims, self.metadata["num_actions"])
+        load_module_state(actor, dict(self.weights), "actor", self.name)
+        return actor.to(device).eval().requires_grad_(False)
+
+    def _check(self, obs: TensorDict, dims: Mapping[str, int]) -> None:
+        # A PointNet takes any number of scandots, as in scenes with more obstacles.
+        takes_any_number = self.metadata["actor"].get("encoder", "pointnet") == "pointnet"
         for group, dim in dims.items():
             found = obs[group].shape[-1] if group in obs else None
-            # A PointNet takes any number of scandots, as in scenes with more obstacles.
-            any_number = (
-                group.startswith("scandots") and metadata["actor"].get("encoder", "pointnet") == "pointnet"
-            )
-            if found is None or (found != dim and not any_number):
+            if found is None or (found != dim and not (takes_any_number and group.startswith("scandots"))):
                 raise ValueError(
-                    f"{name_or_path} reads '{group}' of size {dim}; the environment's has size {found}."
+                    f"{self.name} reads '{group}' of size {dim}; the environment's has size {found}."
                 )
-    actor = build_model(metadata["actor"], "actor", dims, metadata["num_actions"])
-    load_module_state(actor, weights, "actor", str(name_or_path))
-    return actor.to(device).eval().requires_grad_(False)
+
+
+def load_policy(name_or_path: str | Path, obs: TensorDict | None = None, device: str = "cpu") -> ScandotModel:
+    """Read a policy and build its actor; see `read_policy` and `TrainedPolicy.build`."""
+    return read_policy(name_or_path).build(obs, device)
 
 
 def build_model(cfg: dict[str, Any], name: str, dims: dict[str, int], output_dim: int) -> ScandotModel:
@@ -103,13 +131,11 @@ def build_model(cfg: dict[str, Any], name: str, dims: dict[str, int], output_dim
     return model_class(example, {name: list(dims)}, name, output_dim, **arguments)
 
 
-def read_policy(name_or_path: str | Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Read weights and metadata of a policy, on the CPU.
+def read_policy(name_or_path: str | Path) -> TrainedPolicy:
+    """Read weights and metadata of a policy.
 
-    Returns:
-        Weights of the actor, and metadata: obs_groups (names), obs_dims, num_actions, actor (class and
-        arguments), config (whole configuration of the run), env_steps, iteration, minutes, and facts
-        where given.
+    Args:
+        name_or_path: Name of a shipped policy, a policy file, a checkpoint or a run's folder.
 
     Raises:
         FileNotFoundError: There is no such policy.
@@ -117,7 +143,7 @@ def read_policy(name_or_path: str | Path) -> tuple[dict[str, torch.Tensor], dict
     """
     path = find_policy(name_or_path)
     if path.suffix == ".safetensors":
-        return _read_policy_file(path)
+        return TrainedPolicy(str(name_or_path), *_read_policy_file(path))
     state = find_checkpoint(path)[1]
     config = json.loads(state["config"])
     metadata = {
@@ -129,7 +155,7 @@ def read_policy(name_or_path: str | Path) -> tuple[dict[str, torch.Tensor], dict
         "config": config["run"],
         **{key: state[key] for key in ("env_steps", "iteration", "minutes")},
     }
-    return state["actor"], metadata
+    return TrainedPolicy(str(name_or_path), state["actor"], metadata)
 
 
 def find_policy(name_or_path: str | Path) -> Path:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,7 +15,7 @@ from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
 from spin_rl.models.groups import OBJECT, OBJECT_AT_START, is_depth, is_encoded, is_seen
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import build_model, find_policy, load_policy, read_policy
+from spin_rl.runners.policy_file import TrainedPolicy, build_model, find_policy
 from spin_rl.runners.ppo.algorithm import PPO
 
 Columns = tuple[list[int], list[int]]
@@ -24,7 +23,7 @@ Columns = tuple[list[int], list[int]]
 
 
 def warm_start(
-    algorithm: PPO, source: str | Path, camera: Camera, camera_is_frozen: bool = False, critic: bool = True
+    algorithm: PPO, source: TrainedPolicy, camera: Camera, camera_is_frozen: bool = False, critic: bool = True
 ) -> str:
     """Copy what fits of another policy into new models; what is new starts without effect.
 
@@ -37,7 +36,7 @@ def warm_start(
 
     Args:
         algorithm: Algorithm with new models.
-        source: Name of a shipped policy, a policy file, a checkpoint or a run's folder.
+        source: The policy to start from.
         camera: The environment's camera.
         camera_is_frozen: Whether the new actor's camera does not move either.
         critic: Also copy the critic, where the source is a checkpoint whose critic fits.
@@ -46,31 +45,28 @@ def warm_start(
         One line: what was copied and what is new.
 
     Raises:
-        FileNotFoundError: There is no such policy.
         ValueError: The actor cannot be mapped; one line that names what differs.
     """
-    metadata = read_policy(source)[1]
-    drops_camera = camera_was_frozen(metadata) and not camera_is_frozen
+    drops_camera = camera_was_frozen(source) and not camera_is_frozen
     try:
-        notes = copy_model(
-            algorithm.actor, load_policy(source), camera if drops_camera else Camera(), camera.actions
-        )
+        unlearned = camera if drops_camera else Camera()
+        notes = copy_model(algorithm.actor, source.build(), unlearned, camera.actions)
     except ValueError as error:
-        raise ValueError(f"init: {source} cannot start the actor: {error}") from None
-    line = f"Initialized from {source} (iteration {metadata['iteration']}); actor: {notes}"
+        raise ValueError(f"init: {source.name} cannot start the actor: {error}") from None
+    line = f"Initialized from {source.name} (iteration {source.metadata['iteration']}); actor: {notes}"
     if not critic:
         return f"{line}; critic: new, its reward is another"
     try:
-        model = _load_critic(source)
+        model = _load_critic(source.name)
         notes = copy_model(algorithm.critic, model, camera if drops_camera else Camera())
     except ValueError as error:
         notes = f"new, {error}"
     return f"{line}; critic: {notes}"
 
 
-def camera_was_frozen(metadata: Mapping[str, Any]) -> bool:
-    """Tell from a policy's metadata whether its camera was held at a pose in training."""
-    task = (metadata["config"] or {}).get("task")
+def camera_was_frozen(policy: TrainedPolicy) -> bool:
+    """Tell whether a policy's camera was held at a pose in training."""
+    task = policy.config.get("task")
     return isinstance(task, Mapping) and task.get("camera_pose") is not None
 
 
@@ -331,7 +327,7 @@ def _copy_std(target: nn.Module, source: nn.Module | None, kept: tuple[int, ...]
     return True
 
 
-def _load_critic(source: str | Path) -> ScandotModel:
+def _load_critic(source: str) -> ScandotModel:
     """Build the critic of a checkpoint."""
     path = find_policy(source)
     if path.suffix == ".safetensors":

@@ -190,7 +190,7 @@ def test_all_variants_have_the_same_corridors(make_nav_env):
 def test_zero_policy_with_held_cameras(device, tmp_path):
     lines = []
     result = camera.analyse_camera(
-        policies.open_policy("zero")[0],
+        policies.open_policy("zero").make,
         NavConfig(episode_s=1.6),
         episodes=1,
         seeds=[0],
@@ -232,7 +232,7 @@ def test_no_mean_pose_without_a_long_enough_episode():
         (1, [], None, [], "seeds"),
         (1, [1, 1], None, [], "seeds"),
         (2, [0], 11, [], "num_envs"),
-        (1, [0], None, [Variant("high", "fixed", (0.0, 0.9))], "camera: high: head_tilt 0.9"),
+        (1, [0], None, [Variant("high", "fixed", (0.0, 0.9))], "camera_analysis: high: head_tilt 0.9"),
     ],
 )
 def test_impossible_settings_name_the_key(episodes, seeds, num_envs, held, key):
@@ -243,7 +243,7 @@ def test_impossible_settings_name_the_key(episodes, seeds, num_envs, held, key):
 def test_cells_by_name():
     assert camera_variants.parse_cells(["2-hard", "1-easy"]) == (Cell(2, "hard"), Cell(1, "easy"))
     for names in (["3-hard"], ["hard"], [], ["1-easy", "1-easy"], [[1]]):
-        with pytest.raises(ConfigError, match=r"^camera\.cells:"):
+        with pytest.raises(ConfigError, match=r"^camera_analysis\.cells:"):
             camera_variants.parse_cells(names)
 
 
@@ -253,9 +253,13 @@ def test_cells_by_name():
         (["analysis=smell"], "analysis: unknown 'smell'; choose from camera"),
         (["plot=a.png"], "plot: only an analysis"),
         (["analysis=camera", "plot=a.txt"], "plot: expected a .png"),
-        (["analysis=camera", "camera.tilts=[-2]"], "head_tilt -2.0 is outside"),
-        (["analysis=camera", "camera.blind=[1]"], "camera.blind: expected [pan, tilt]"),
-        (["analysis=camera", "camera.cells=[1-icy]"], "camera.cells: unknown cell '1-icy'"),
+        (["analysis=camera", "camera_analysis.tilts=[-2]"], "head_tilt -2.0 is outside"),
+        (["analysis=camera", "camera_analysis.blind=[1]"], "camera_analysis.blind: expected 2 values"),
+        (["analysis=camera", "camera_analysis.cells=[1-icy]"], "camera_analysis.cells: unknown cell '1-icy'"),
+        (
+            ["camera.tilts=[-2]"],
+            "camera.tilts: is called camera_analysis.tilts now",
+        ),
         (["analysis=camera", "scene=room.yaml"], "scene: an analysis runs"),
         (["analysis=camera", "num_envs=4"], "num_envs: all 300 episodes"),
     ],

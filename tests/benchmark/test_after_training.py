@@ -9,11 +9,13 @@ from spin_rl.benchmark.reach import REACH_CELLS
 from spin_rl.tasks.nav.spec import NAV
 
 
+def standing(trained):
+    return policies.PolicySource({"policy": "run"}, trained, lambda obs, device: policies.ZeroPolicy())
+
+
 def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, device):
     trained = {"robot": {"profile": "re1"}, "task": {"camera_mount": "landscape"}}
-    monkeypatch.setattr(
-        policies, "open_policy", lambda name: (lambda obs, device: policies.ZeroPolicy(), trained)
-    )
+    monkeypatch.setattr(policies, "open_policy", lambda name: standing(trained))
     path = after_training.evaluate_run(tmp_path, episodes=1, device=device)
     assert path == tmp_path / "reach.json"
     result = json.loads(path.read_text())
@@ -39,7 +41,7 @@ def test_corridors_and_noise_are_those_of_the_training(monkeypatch, capsys, tmp_
         settings = {"seeds": [0], "robot": "paper", "camera_mount": "portrait", "depth": depth}
         return {"policy": "run", "rows": rows} | settings
 
-    monkeypatch.setattr(policies, "open_policy", lambda name: (None, trained))
+    monkeypatch.setattr(policies, "open_policy", lambda name: standing(trained))
     benchmark = replace(benchmarks.BENCHMARKS["reach"], evaluate=evaluate_reach)
     monkeypatch.setattr(benchmarks, "BENCHMARKS", {"reach": benchmark})
     call = ["depth=d435i", "scene=moving", "task.episode_s=3", "num_envs=4"]
@@ -57,9 +59,7 @@ def test_corridors_and_noise_are_those_of_the_training(monkeypatch, capsys, tmp_
 
 def test_the_benchmark_is_that_of_the_runs_task(monkeypatch, capsys, tmp_path, device):
     trained = {"task": {"name": "pick", "sight": {"far_m": 3.0}}}
-    monkeypatch.setattr(
-        policies, "open_policy", lambda name: (lambda obs, device: policies.ZeroPolicy(), trained)
-    )
+    monkeypatch.setattr(policies, "open_policy", lambda name: standing(trained))
     call = ["task=pick", "scene.table_top=[0.5,0.6]"]
     path = after_training.evaluate_run(tmp_path, episodes=2, device=device, overrides=call)
     assert path == tmp_path / "pick.json"

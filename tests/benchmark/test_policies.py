@@ -4,18 +4,24 @@ from tensordict import TensorDict
 
 from spin_rl.benchmark import policies
 from spin_rl.config import ConfigError
+from spin_rl.tasks.fetch.spec import FETCH
+
+
+def open_fetch(nav, pick):
+    return policies.open_for(FETCH, {"policy": nav, "pick": pick})
+
 
 OBS = TensorDict({"proprio": torch.zeros(5, 31)}, batch_size=[5])
 
 
 def test_zero_policy():
-    policy = policies.open_policy("zero")[0](OBS, "cpu")
+    policy = policies.open_policy("zero").make(OBS, "cpu")
     policy.reset(torch.ones(5))
     assert torch.equal(policy(OBS), torch.zeros(5, 10))
 
 
 def test_random_policy_is_in_range_and_repeatable():
-    first, second = (policies.open_policy("random")[0](OBS, "cpu") for _ in range(2))
+    first, second = (policies.open_policy("random").make(OBS, "cpu") for _ in range(2))
     actions = torch.stack([first(OBS) for _ in range(200)])
     assert actions.shape == (200, 5, 10)
     assert -1.0 <= actions.min() < -0.95 and 0.95 < actions.max() <= 1.0
@@ -24,7 +30,7 @@ def test_random_policy_is_in_range_and_repeatable():
 
 
 def test_untrained_policies_have_no_configuration():
-    assert policies.open_policy("zero")[1] == policies.open_policy("random")[1] == {}
+    assert policies.open_policy("zero").trained == policies.open_policy("random").trained == {}
 
 
 def test_a_missing_policy_lists_what_there_is():
@@ -43,17 +49,18 @@ def test_a_damaged_policy_names_the_key(tmp_path):
     ("nav", "picker", "sees"), [("nav-dvo", "pick-teacher", False), ("nav-cvo-depth", "pick-depth", True)]
 )
 def test_the_shipped_policy_that_picks_sees_what_the_driver_sees(nav, picker, sees):
-    _, trained, pick = policies.open_fetch_policy(nav, None)
-    assert pick == picker
+    source = open_fetch(nav, None)
+    assert source.names == {"policy": nav, "pick": picker}
+    trained = source.trained
     assert trained["task"]["depth"]["enabled"] == sees
     assert trained["task"]["sight"]["far_m"] == 4.0 and trained["task"]["scandots"]["window_m"] == 2.0
 
 
 def test_a_fetch_has_both_policies():
-    make, trained, pick = policies.open_fetch_policy("zero", "random")
-    assert pick == "random" and "robot" not in trained
+    source = open_fetch("zero", "random")
+    assert source.names["pick"] == "random" and "robot" not in source.trained
     obs = TensorDict({"stage": torch.tensor([[0.0], [2.0]])}, batch_size=[2])
-    policy = make(obs, "cpu")
+    policy = source.make(obs, "cpu")
     policy.reset()
     actions = policy(obs)
     assert not actions[0].any() and actions[1].all()
@@ -70,4 +77,4 @@ def test_a_fetch_has_both_policies():
 )
 def test_policies_that_cannot_fetch_are_refused(nav, pick, message):
     with pytest.raises(ConfigError, match=message):
-        policies.open_fetch_policy(nav, pick)
+        open_fetch(nav, pick)

@@ -155,7 +155,7 @@ def test_a_scene_file_is_one_row(tmp_path, device):
         "boxes:\n  - {position: [1, 2], size: [0.1, 0.1, 0.5]}\n"
     )
     result = reach.evaluate_reach(
-        policies.open_policy("zero")[0],
+        policies.open_policy("zero").make,
         NavConfig(episode_s=0.5),
         episodes=3,
         seeds=[0],

@@ -8,6 +8,7 @@ from hydra.core.global_hydra import GlobalHydra
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.fetch.spec import FETCH
 from spin_rl.tasks.nav.spec import NAV
 from spin_rl.tasks.pick.config import PickConfig
@@ -26,7 +27,7 @@ TRAINED = {
 
 @pytest.fixture
 def cfg():
-    return settings.compose()
+    return compose("eval")
 
 
 def test_evaluation_is_nominal(cfg):
@@ -39,7 +40,7 @@ def test_evaluation_is_nominal(cfg):
 
 
 def test_picks_are_evaluated_nominally_and_far_from_the_object():
-    task = PICK.configure(settings.compose(["task=pick"]))
+    task = PICK.configure(compose("eval", ["task=pick"]))
     assert task.end_on_success and task.near_share == (0.0, 0.0) and task.episode_s == 7.0
     assert not task.curriculum.enabled and task.curriculum.start == 1.0
     assert set(vars(task.noise).values()) == {0.0}
@@ -47,14 +48,14 @@ def test_picks_are_evaluated_nominally_and_far_from_the_object():
 
 
 def test_what_a_pick_policy_sees_is_its_own():
-    cfg = settings.compose(["task=pick"])
+    cfg = compose("eval", ["task=pick"])
     trained = {"task": {"sight": {"far_m": 2.0}, "end_on_success": False, "camera_pose": [0.0, -0.2]}}
     task = PICK.configure(settings.for_policy(cfg, trained, ["task=pick"]))
     assert task.sight.far_m == 2.0 and task.camera_pose == (0.0, -0.2) and task.end_on_success
 
 
 def test_a_detector_is_of_policies_that_are_told_where_the_object_is():
-    cfg = settings.compose(["task=pick"])
+    cfg = compose("eval", ["task=pick"])
     seen = {"task": {"detector": "segmentation"}}
     for groups, asked, detector in (
         (["proprio", "object"], ["task=pick"], "segmentation"),
@@ -96,7 +97,7 @@ def with_images(trained, **changes):
 
 def test_a_fetch_has_the_robot_of_both_policies_and_what_each_sees():
     joint = settings.of_fetch(TRAINED, PICK_TRAINED)
-    task = FETCH.configure(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
+    task = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), joint, ["task=fetch"]))
     assert task.robot_profile == "re1" and task.camera_mount == "landscape" and task.depth is None
     assert task.scandots.window_m == 3.0 and not task.scandots.occlusion
     assert task.sight.far_m == 2.0 and task.manipulation.increments.forward_speed == 0.11
@@ -115,7 +116,7 @@ def test_images_of_a_fetch_are_filtered_as_those_who_read_them_need():
 def test_each_policy_of_a_fetch_reads_depths_in_its_own_range():
     def ranges(nav, pick):
         joint = settings.of_fetch(nav, pick)
-        task = FETCH.configure(settings.for_policy(settings.compose(["task=fetch"]), joint, ["task=fetch"]))
+        task = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), joint, ["task=fetch"]))
         return (task.depth.filter.near_m, task.depth.filter.far_m), task.pick_range_m
 
     near, far = {"near_m": 0.2, "far_m": 1.6}, {"near_m": 0.3, "far_m": 5.0}
@@ -137,7 +138,7 @@ def test_each_policy_of_a_fetch_reads_depths_in_its_own_range():
 def test_another_camera_leaves_the_policy_its_range(overrides, far, blur):
     overrides = ["task=pick", *overrides]
     trained = {"task": {"depth": {"enabled": True}}, "depth": {"filter": {"far_m": 1.6, "blur": 0.1}}}
-    task = PICK.configure(settings.for_policy(settings.compose(overrides), trained, overrides))
+    task = PICK.configure(settings.for_policy(compose("eval", overrides), trained, overrides))
     assert (task.depth.filter.far_m, task.depth.filter.blur) == (far, blur)
 
 
@@ -176,14 +177,14 @@ def test_one_robot_cannot_be_that_of_two_policies(nav, pick, message):
     ],
 )
 def test_the_user_has_the_last_word(override, expected):
-    cfg = settings.compose([override])
+    cfg = compose("eval", [override])
     task = NAV.configure(settings.for_policy(cfg, TRAINED, [override]))
     assert {key: getattr(task, key) for key in expected} == expected
 
 
 def test_one_scandot_key_does_not_hide_the_others():
     override = "task.scandots.window_m=1.0"
-    task = NAV.configure(settings.for_policy(settings.compose([override]), TRAINED, [override]))
+    task = NAV.configure(settings.for_policy(compose("eval", [override]), TRAINED, [override]))
     assert task.scandots.window_m == 1.0 and not task.scandots.occlusion
 
 
@@ -194,7 +195,7 @@ def test_a_policy_without_configuration_changes_nothing(cfg):
 def test_composing_leaves_a_running_command_alone():
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         running = GlobalHydra.instance().hydra
-        assert settings.compose().task.episode_s == 60.0
+        assert compose("eval")["task"]["episode_s"] == 60.0
         assert GlobalHydra.instance().hydra is running
 
 
@@ -227,7 +228,7 @@ def test_an_evaluation_after_training_keeps_corridors_and_images():
 
 @pytest.mark.parametrize("choice", ["ideal", "d435i"])
 def test_noise_has_the_name_of_its_file(choice):
-    task = NAV.configure(settings.compose([f"depth={choice}", "task.depth.enabled=true"]))
+    task = NAV.configure(compose("eval", [f"depth={choice}", "task.depth.enabled=true"]))
     noise = asdict(task.depth.noise)
     assert settings.noise_label(noise) == choice
     assert settings.noise_label(json.loads(json.dumps(noise))) == choice
@@ -236,16 +237,16 @@ def test_noise_has_the_name_of_its_file(choice):
 
 def test_images_that_nobody_reads_are_told():
     overrides = ["episodes=3", "depth.noise.patches=0"]
-    blind = NAV.configure(settings.compose(overrides))
+    blind = NAV.configure(compose("eval", overrides))
     assert settings.unused_depth(blind, overrides) == (
         "depth: depth.noise.patches=0 changes nothing, since this policy reads no images"
     )
     assert settings.unused_depth(blind, ["episodes=3", "task.depth.enabled=false"]) is None
     reads = {"task": {"depth": {"enabled": True}}}
-    seeing = NAV.configure(settings.for_policy(settings.compose(overrides), reads, overrides))
+    seeing = NAV.configure(settings.for_policy(compose("eval", overrides), reads, overrides))
     assert settings.unused_depth(seeing, overrides) is None
 
 
 def test_policies_are_shown_as_they_are_measured(cfg):
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-        assert hydra.compose("play").task == cfg.task
+        assert hydra.compose("play").task == cfg["task"]

@@ -19,12 +19,18 @@ from spin_rl.cli import distill, run_folder
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR, POLICY_DIR
 from spin_rl.runners import load_policy, policy_file, read_policy
+from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.nav.spec import NAV
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.registry import find_task
 
 TEACHER = f"teacher={POLICY_DIR / 'nav-cvo.safetensors'}"
 TINY = [TEACHER, "num_envs=4", "runner.num_steps_per_env=4", "runner.algorithm.freeze_iterations=1"]
+
+
+def run_options():
+    values = compose("train", ["run_dir=here", "device=cpu"])
+    return run_folder.read_options(run_folder.RunOptions, values, ())
 
 
 def run_main(monkeypatch, *arguments):
@@ -37,14 +43,14 @@ def run_main(monkeypatch, *arguments):
     [
         ([], "teacher: expected the name or path of a policy, got None"),
         (["teacher=nobody"], "teacher: There is no policy 'nobody'"),
-        ([TEACHER, "mode=fast"], "mode: expected one of sync, async, got 'fast'"),
+        ([TEACHER, "mode=fast"], "mode: unknown 'fast'; choose from sync, async"),
         ([TEACHER, "num_envs=2"], "algorithm.num_mini_batches must be at most the 2 environments"),
         ([TEACHER, "+runner.depth_encoder.size=3"], "depth_encoder.size: unknown key"),
         ([TEACHER, "runner.depth_encoder.kernels=[8]"], "must have the same length"),
         ([TEACHER, "runner.asynchronous.blocks=1"], "asynchronous.blocks must be at least 3"),
         ([TEACHER, "depth.filter.far_m=0.1"], "depth.filter.near_m must be"),
         ([TEACHER, "init=nobody"], "init: There is no policy 'nobody'"),
-        ([TEACHER, "init=[nav-cvo]"], "init: expected the name or path of a policy, got ['nav-cvo']"),
+        ([TEACHER, "init=[nav-cvo]"], "init: expected the name or path of a policy or null, got ['nav-cvo']"),
         ([TEACHER, "max_iterations=0"], "max_iterations: expected a whole number from 1 on"),
         ([TEACHER, "resume=missing"], "no checkpoint at missing"),
     ],
@@ -90,8 +96,8 @@ def test_distillation_from_start_to_resume(monkeypatch, capfd, tmp_path, device)
     assert config["runner"]["obs_groups"]["actor"] == ["proprio", "goal", "depth"]
 
     # An evaluation knows from the policy that there are images, and how they are filtered.
-    metadata = read_policy(run_dir)[1]
-    task = NAV.configure(settings.for_policy(settings.compose(), metadata["config"], ()))
+    metadata = read_policy(run_dir).metadata
+    task = NAV.configure(settings.for_policy(compose("eval"), metadata["config"], ()))
     trained = NAV.configure(config)
     assert task.depth.filter == trained.depth.filter and trained.depth.filter.fill_px > 0
     assert task.depth.noise.dropout == 0.0 and trained.depth.noise.dropout > 0.0
@@ -182,7 +188,7 @@ def test_a_student_starts_from_a_policy(monkeypatch, capfd, tmp_path, pick_teach
 
     runner = SimpleNamespace(alg=SimpleNamespace(student=load_policy("second")))
     with pytest.raises(ConfigError, match=r"^init: .*nav-cvo.* cannot start the student: its layers of"):
-        distill._start_from(runner, str(POLICY_DIR / "nav-cvo.safetensors"))
+        distill._start_from(runner, read_policy("nav-cvo"))
 
 
 def test_teachers_of_another_task_are_one_line(monkeypatch, capfd, tmp_path, pick_teacher):
@@ -200,7 +206,7 @@ def test_teachers_of_another_task_are_one_line(monkeypatch, capfd, tmp_path, pic
 )
 def test_last_line_of_a_run(capsys, tmp_path, success, text, number):
     summary = {"success_rate": success, "env_steps": 1234}
-    run_folder.write_results(tmp_path, summary, {"seed": 1, "evaluate": 0}, "cpu")
+    run_folder.write_results(tmp_path, summary, run_options())
     path = tmp_path / "summary.json"
     assert capsys.readouterr().out == f"Wrote {path}: {text} after 1,234 env steps\n"
     assert json.loads(path.read_text())["success_rate"] == number

@@ -49,13 +49,13 @@ def run_main(monkeypatch, *arguments):
             ["policy=nav-cvo", "pick=pick-teacher"],
             "pick: pick-teacher needs benchmark=fetch or benchmark=place",
         ),
-        (["policy=zero", "benchmark=fetch", "pick=3"], "pick: give a name"),
+        (["policy=zero", "benchmark=fetch", "pick=3"], "pick: expected a name, checkpoint"),
         (["policy=zero", "benchmark=place", "pick=none-such"], "pick: There is no policy 'none-such'"),
         (
             ["policy=pick-teacher", "benchmark=fetch"],
             "policy: pick-teacher was trained with task=pick; a fetch needs one of task=nav",
         ),
-        (["policy=zero", "benchmark=fetch", "baseline=fixcam_IV"], "task.camera_pose: the camera cannot"),
+        (["policy=zero", "benchmark=fetch", "camera=fixcam_IV"], "task.camera_pose: the camera cannot"),
         (["policy=zero", "benchmark=fetch", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
     ],
 )
@@ -113,7 +113,7 @@ def test_picks_end_to_end(monkeypatch, capsys, device, tmp_path):
     """The benchmark names the task; a robot that stands still lifts nothing."""
     out = tmp_path / "pick.json"
     run_main(monkeypatch, "policy=zero", "benchmark=pick", "episodes=7", "seeds=[0,1]", f"device={device}",
-             f"out={out}", "num_envs=4", "task.episode_s=0.4", "baseline=fixcam_IV")  # fmt: skip
+             f"out={out}", "num_envs=4", "task.episode_s=0.4", "camera=fixcam_IV")  # fmt: skip
     printed = capsys.readouterr().out
     assert "Pick: zero, 14 episodes (seeds 0, 1), " in printed and "frozen at pan 0.0, tilt -0.2" in printed
     all_line = next(line for line in printed.splitlines() if line.startswith("all "))

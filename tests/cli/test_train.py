@@ -28,6 +28,7 @@ def run_main(monkeypatch, *arguments):
     [
         ("nonsense=1", "nonsense"),
         ("robot=foo", "robot/foo"),
+        ("baseline=fixcam_I", "baseline: is called camera now: camera=fixcam_I"),
         ("task.episode_s=-1", "task.episode_s must exceed"),
         ("task.episode_s=[", "task.episode_s=["),
         ("scene.width=0.1", "scene.width"),
@@ -80,18 +81,18 @@ def settings():
         ("max_minutes", "5m", "max_minutes: expected a positive number or null, got '5m'"),
         ("evaluate", True, "evaluate: expected a whole number from 0 on"),
         ("run_dir", None, "run_dir: expected a path, got None"),
-        ("resume", 3, "resume: expected a path, got 3"),
+        ("resume", 3, "resume: expected a path or null, got 3"),
         ("runner.num_steps_per_env", 0, "runner.num_steps_per_env must be a positive integer"),
         ("runner.steps", 3, "runner.steps is not a setting"),
         ("runner.obs_groups.actor", ["proprio", "lidar"], "obs_groups.actor must be of proprio, goal"),
     ],
 )
 def test_setting_is_checked(settings, key, value, message):
-    train._check(settings | {"max_minutes": None})
+    train.read_options(settings | {"max_minutes": None}, ())
     changed = OmegaConf.create(settings)
     OmegaConf.update(changed, key, value)
     with pytest.raises(ValueError, match=re.escape(message)) as raised:
-        train._check(OmegaConf.to_container(changed))
+        train.read_options(OmegaConf.to_container(changed), ())
     assert str(raised.value).startswith(message) and "\n" not in str(raised.value)
 
 
@@ -100,7 +101,7 @@ def test_learning_from_images_switches_the_camera_on():
         values = OmegaConf.to_container(compose("train", ["algo=direct_depth", "run_dir=here"]), resolve=True)
     assert NAV.configure(values).depth is None
     values = with_depth(values)
-    train._check(values)
+    train.read_options(values, ())
     assert NAV.configure(values).depth is not None
     assert values["runner"]["actor"]["depth_encoder"]["image"] == [87, 58]
     assert not any(group.startswith("scandots") for group in values["runner"]["obs_groups"]["actor"])

@@ -35,7 +35,7 @@ def make_student_config(teacher, **algorithm) -> dict:
         "seed": 1,
         "num_steps_per_env": 8,
         "save_interval": 100,
-        **student_config(read_policy(teacher)[1], ENCODER),
+        **student_config(read_policy(teacher).metadata, ENCODER),
         "algorithm": {
             "class_name": "spin_rl.runners.distillation.algorithm:Distillation",
             "teacher": str(teacher),

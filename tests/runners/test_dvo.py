@@ -9,7 +9,7 @@ from fake_env import FakeEnv, make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from spin_rl.models import PerActionGaussian
-from spin_rl.runners import PPORunner, load_policy, save_policy
+from spin_rl.runners import PPORunner, load_policy, read_policy, save_policy
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.ppo.dvo import Teacher, check_teacher
 from spin_rl.runners.warm_start import warm_start
@@ -193,7 +193,7 @@ def test_student_learns_to_act_as_the_teacher(teacher, tmp_path):
 def test_warm_started_student_starts_as_the_teacher_and_is_a_policy(teacher, tmp_path):
     env = CameraEnv()
     runner = PPORunner(env, phase_1b(teacher), tmp_path)
-    line = warm_start(runner.alg, teacher, Camera.of(env), critic=False)
+    line = warm_start(runner.alg, read_policy(teacher), Camera.of(env), critic=False)
     assert (
         "proprio (4 of 5 columns)" in line and "scandots_all as scandots" in line and "new action 2" in line
     )
@@ -266,7 +266,7 @@ def test_wrong_teachers_are_named(teacher, tmp_path):
     snapshot = {"task": {"camera_pose": [0.0, 0.0]}}
     PPORunner(CameraEnv(), cfg, tmp_path / "raw", snapshot=snapshot).train(1)
     with pytest.raises(ValueError, match="without obs_normalization"):
-        check_teacher(tmp_path / "raw")
+        check_teacher(read_policy(tmp_path / "raw"))
 
 
 @pytest.mark.parametrize(

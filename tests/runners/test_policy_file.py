@@ -49,8 +49,8 @@ def test_loaded_policy_acts_as_the_trained_one(run, tmp_path, monkeypatch, sourc
     runner.alg.actor.train()
     assert torch.equal(act(policy), expected)
     assert metadata["facts"] == {"hardware": "two cores"}
-    assert read_policy(where)[1]["config"] == {"task": "fake", "num_envs": 12}
-    assert read_policy(where)[1]["env_steps"] == 2 * 8 * 12
+    assert read_policy(where).config == {"task": "fake", "num_envs": 12}
+    assert read_policy(where).metadata["env_steps"] == 2 * 8 * 12
 
 
 def test_file_holds_the_actor_only(run, tmp_path):

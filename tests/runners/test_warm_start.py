@@ -8,7 +8,7 @@ from fake_env import FakeEnv, make_config
 from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel, ScandotRecurrentModel
-from spin_rl.runners import PPORunner, save_policy
+from spin_rl.runners import PPORunner, read_policy, save_policy
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.warm_start import copy_model, warm_start
 
@@ -346,7 +346,7 @@ def test_a_run_starts_from_a_checkpoint_or_a_policy_file(source, tmp_path):
     save_policy(tmp_path / "a.safetensors", folder)
     for path, has_critic in ((folder, True), (tmp_path / "a.safetensors", False)):
         new = PPORunner(FakeEnv(), make_config() | {"seed": 9})
-        line = warm_start(new.alg, path, Camera(actions=(1,)))
+        line = warm_start(new.alg, read_policy(path), Camera(actions=(1,)))
         assert line.startswith(
             f"Initialized from {path} (iteration 2); actor: proprio, goal, scandots, memory"
         )
@@ -366,10 +366,10 @@ def test_a_critic_that_does_not_fit_or_judges_another_reward_stays_new(source):
     cfg = make_config() | {"seed": 9}
     cfg["critic"] = cfg["critic"] | {"hidden_dims": [17]}
     new = PPORunner(FakeEnv(), cfg)
-    assert "critic: new, its layers of the MLP" in warm_start(new.alg, source[1], Camera())
+    assert "critic: new, its layers of the MLP" in warm_start(new.alg, read_policy(source[1]), Camera())
     new = PPORunner(FakeEnv(), make_config() | {"seed": 9})
     before = {name: value.clone() for name, value in new.alg.critic.state_dict().items()}
-    assert "critic: new, its reward" in warm_start(new.alg, source[1], Camera(), critic=False)
+    assert "critic: new, its reward" in warm_start(new.alg, read_policy(source[1]), Camera(), critic=False)
     assert all(torch.equal(value, before[name]) for name, value in new.alg.critic.state_dict().items())
 
 
@@ -377,4 +377,4 @@ def test_an_actor_that_does_not_fit_is_an_error(source):
     cfg = make_config()
     cfg["actor"] = cfg["actor"] | {"rnn_hidden_dim": 17}
     with pytest.raises(ValueError, match=r"^init: .* cannot start the actor: its rnn_hidden_dim"):
-        warm_start(PPORunner(FakeEnv(), cfg).alg, source[1], Camera())
+        warm_start(PPORunner(FakeEnv(), cfg).alg, read_policy(source[1]), Camera())

@@ -3,12 +3,11 @@
 import pickle
 
 import pytest
-from omegaconf import OmegaConf
 
 from spin_rl.benchmark.registry import BENCHMARKS
-from spin_rl.benchmark.settings import compose
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.registry import TASKS, find_task
 
 
@@ -25,7 +24,7 @@ def test_an_unknown_task_is_an_error_that_lists_the_tasks():
 @pytest.mark.parametrize("name", TASKS)
 def test_the_groups_are_those_of_the_environment(name, device):
     spec = TASKS[name]
-    cfg = spec.configure(compose([f"task={name}", "task.depth.enabled=true"]))
+    cfg = spec.configure(compose("eval", [f"task={name}", "task.depth.enabled=true"]))
     env = spec.make_env(cfg, 2, device, 0)
     assert sorted(env.get_observations().keys()) == sorted(spec.groups)
 
@@ -45,11 +44,11 @@ def test_only_tasks_that_can_be_trained_change_a_training(group):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_a_task_takes_no_configuration_of_another(name):
-    cfg = compose([f"task={name}"])
+    cfg = compose("eval", [f"task={name}"])
     other = next(spec for spec in TASKS.values() if spec.name != name)
     with pytest.raises(ConfigError, match=f"^task: '{name}' is not a task of this command; use {other.name}"):
         other.configure(cfg)
-    OmegaConf.update(cfg, "task.object_of_no_task", 1, force_add=True)
+    cfg["task"]["object_of_no_task"] = 1
     with pytest.raises(ConfigError, match=r"^task\.object_of_no_task: unknown key"):
         TASKS[name].configure(cfg)
 

@@ -14,9 +14,9 @@ from spin_rl.viewer.native import draw_scandots, pose
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ([], "policy: give a name"),
+        ([], "policy: expected a name, checkpoint"),
         (["policy=no-such-policy", "viewer=none"], "policy: There is no policy"),
-        (["policy=zero", "scenario=3"], "scenario: expected 1 or 2"),
+        (["policy=zero", "scenario=3"], "scenario: unknown 3; choose from 1, 2"),
         (
             ["policy=zero", "difficulty=brutal"],
             "difficulty: unknown 'brutal'; choose from easy, medium, hard",
@@ -28,12 +28,12 @@ from spin_rl.viewer.native import draw_scandots, pose
         (["policy=zero", "video=."], "video: "),
         (["policy=zero", "plots=a-file"], "plots: a-file is no folder"),
         (["policy=zero", "port=http"], "port: expected a whole number"),
-        (["policy=zero", "world=-1"], "world: expected a whole number from 0 to 19999, got -1"),
+        (["policy=zero", "world=-1"], "world: expected a whole number from 0 to 19999 or null, got -1"),
         (["policy=zero", "world=3", "scene=lab.yaml"], "world: a scene file is the same in every world"),
         (["policy=zero", "task=pick", "world=3"], "world: 3 needs a policy of task=nav"),
         (["policy=nav-cvo", "task=pick", "viewer=none"], "policy: nav-cvo was trained with task=nav"),
         (["policy=zero", "pick=pick-teacher", "viewer=none"], "pick: pick-teacher needs task=fetch"),
-        (["policy=zero", "task=fetch", "pick=7"], "pick: expected a name, got 7"),
+        (["policy=zero", "task=fetch", "pick=7"], "pick: expected a name, checkpoint"),
         (["policy=zero", "task=fetch", "scene=lab.yaml"], "scene: lab.yaml needs a policy of task=nav"),
         (
             ["policy=pick-teacher", "task=fetch", "viewer=none"],

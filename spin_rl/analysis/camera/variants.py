@@ -54,7 +54,7 @@ def held_variants(tilts: Sequence[float], blind: Sequence[float] | None) -> list
 
 def fixcam_poses() -> dict[tuple[float, float], str]:
     """Read the poses of the FixCam baseline, (pan, tilt) [rad] -> I to IV."""
-    files = sorted((CONF_DIR / "baseline").glob("fixcam_*.yaml"))
+    files = sorted((CONF_DIR / "camera").glob("fixcam_*.yaml"))
     return {tuple(OmegaConf.load(file).task.camera_pose): file.stem.removeprefix("fixcam_") for file in files}
 
 
@@ -70,10 +70,10 @@ def parse_cells(names: Sequence[str]) -> tuple[Cell, ...]:
         cell = Cell(int(match[1]), match[2]) if match else None
         if cell not in REACH_CELLS:
             known = ", ".join(f"{scenario}-{level}" for scenario in SCENARIOS for level in DIFFICULTIES)
-            raise ConfigError(f"camera.cells: unknown cell {name!r}; choose from {known}")
+            raise ConfigError(f"camera_analysis.cells: unknown cell {name!r}; choose from {known}")
         cells.append(cell)
     if not cells or len(set(cells)) < len(cells):
-        raise ConfigError(f"camera.cells: expected cells, each once, got {list(names)}")
+        raise ConfigError(f"camera_analysis.cells: expected cells, each once, got {list(names)}")
     return tuple(cells)
 
 
@@ -88,4 +88,4 @@ def check_pose(variant: Variant) -> None:
         index = robot.JOINTS.index(joint)
         low, high = robot.JOINT_LOWER[index], robot.JOINT_UPPER[index]
         if not low <= value <= high:
-            raise ConfigError(f"camera: {variant.name}: {joint} {value} is outside [{low}, {high}]")
+            raise ConfigError(f"camera_analysis: {variant.name}: {joint} {value} is outside [{low}, {high}]")

@@ -14,7 +14,7 @@ from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import load_policy, read_policy
+from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.runners.ppo.algorithm import PPO
 from spin_rl.runners.ppo.storage import Batch
 from spin_rl.runners.warm_start import camera_was_frozen
@@ -64,16 +64,18 @@ class Teacher:
             FileNotFoundError: There is no such policy.
             ValueError: It does not fit; one line that names what differs.
         """
-        metadata = check_teacher(source)
-        if metadata["num_actions"] != num_actions:
+        policy = read_policy(source)
+        check_teacher(policy)
+        if policy.metadata["num_actions"] != num_actions:
             raise ValueError(
-                f"teacher: {source} has {metadata['num_actions']} actions, the environment {num_actions}."
+                f"teacher: {source} has {policy.metadata['num_actions']} actions, the environment "
+                f"{num_actions}."
             )
         try:
-            model = load_policy(source, obs, device)
+            model = policy.build(obs, device)
         except ValueError as error:
             raise ValueError(f"teacher: {error}") from None
-        return cls(model, num_actions, camera, blind=camera_was_frozen(metadata))
+        return cls(model, num_actions, camera, blind=camera_was_frozen(policy))
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
         """Return the robot's actions in [-1, 1], shape (num_envs, number of them), and go on in memory."""
@@ -84,22 +86,22 @@ class Teacher:
         return self.model(obs).index_select(-1, self.actions).clamp(-1.0, 1.0)
 
 
-def check_teacher(source: str | Path) -> dict[str, Any]:
-    """Return the metadata of a policy that can teach: it sees all scandots, and what it sees is normalized.
+def check_teacher(policy: TrainedPolicy) -> None:
+    """Reject a policy that cannot teach: a teacher sees all scandots, and what it sees is normalized.
 
     Raises:
-        FileNotFoundError: There is no such policy.
         ValueError: It cannot teach; one line that says why.
     """
-    metadata = read_policy(source)[1]
-    if "scandots_all" not in metadata["obs_groups"]:
+    groups = policy.metadata["obs_groups"]
+    if "scandots_all" not in groups:
         raise ValueError(
-            f"teacher: {source} reads {', '.join(metadata['obs_groups'])}; a teacher reads scandots_all, "
-            "train one with algo=dvo1a."
+            f"teacher: {policy.name} reads {', '.join(groups)}; a teacher reads scandots_all, train one with "
+            "algo=dvo1a."
         )
-    if camera_was_frozen(metadata) and not metadata["actor"].get("obs_normalization", True):
-        raise ValueError(f"teacher: {source} was trained with a frozen camera and without obs_normalization.")
-    return metadata
+    if camera_was_frozen(policy) and not policy.metadata["actor"].get("obs_normalization", True):
+        raise ValueError(
+            f"teacher: {policy.name} was trained with a frozen camera and without obs_normalization."
+        )
 
 
 def action_error(actions: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:

@@ -1,13 +1,17 @@
-"""From a composed Hydra configuration to a task's own: what is the same for every task."""
+"""Composing a configuration with Hydra, and from there to a task's own: what is the same for every task."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any, TypeVar
 
+import hydra
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError, from_mapping
+from spin_rl.paths import CONF_DIR
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sim import SimConfig
 from spin_rl.tasks.common import rewards
@@ -15,6 +19,22 @@ from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.depth import image_shape
 
 Config = TypeVar("Config", bound=TaskConfig)
+
+
+def compose(name: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Compose a file of conf/ into nested built-in types, also inside a run of Hydra's own.
+
+    Args:
+        name: The file, such as `eval`.
+        overrides: Hydra overrides, such as `robot=re1`.
+
+    Raises:
+        ConfigError: A value is missing.
+        HydraException: An override does not fit.
+    """
+    running = GlobalHydra.instance().is_initialized()  # commands here all search the same folder
+    with nullcontext() if running else hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        return plain(hydra.compose(name, list(overrides)))
 
 
 def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:

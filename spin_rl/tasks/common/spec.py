@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic
 
-import hydra
 from omegaconf import DictConfig
 
-from spin_rl.paths import CONF_DIR
 from spin_rl.policy import Policy
-from spin_rl.tasks.common.compose import Config, task_config
+from spin_rl.tasks.common.compose import Config, compose, task_config
 from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.common.rewards import Term
 
@@ -65,5 +63,4 @@ class TaskSpec(Generic[Config]):
         Args:
             overrides: Hydra overrides, such as `robot=re1`.
         """
-        with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-            return self.configure(hydra.compose("train", [f"task={self.name}", *overrides]))
+        return self.configure(compose("train", [f"task={self.name}", *overrides]))

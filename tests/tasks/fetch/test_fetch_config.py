@@ -86,7 +86,7 @@ def test_impossible_configurations_are_refused(make, message):
 
 
 def test_configuration_file_has_the_defaults_of_the_code():
-    from spin_rl.benchmark.settings import compose
+    from spin_rl.tasks.common.compose import compose
     from spin_rl.tasks.fetch.spec import FETCH
 
-    assert FETCH.configure(compose(["task=fetch"])) == FetchConfig()
+    assert FETCH.configure(compose("eval", ["task=fetch"])) == FetchConfig()
