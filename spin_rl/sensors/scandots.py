@@ -13,9 +13,7 @@ from spin_rl.warp_kernels.tokens import TOKEN_SIZE
 
 
 class Obstacles(SlotArrays, Protocol):
-    """The slots of all worlds, as in ``spin_rl.scenes``, which of them are walls, shape (nslot,), and
-    which are nearby, shape (nworld, k).
-    """
+    """The slots of all worlds; which are walls, shape (nslot,), and which nearby, shape (nworld, k)."""
 
     is_wall: wp.array
     nearby: wp.array
