@@ -22,6 +22,7 @@ def _drive(
     # Per world
     lag: wp.array2d(dtype=float),
     speed_scale: wp.array(dtype=float),
+    acceleration_scale: wp.array(dtype=float),
     base_target: wp.array2d(dtype=float),
     target: wp.array2d(dtype=float),
     qpos: wp.array2d(dtype=float),
@@ -33,16 +34,10 @@ def _drive(
     scale = speed_scale[w]
 
     blend = 1.0 - wp.exp(-timestep / lag[w, 0])
-    dv = wp.clamp(
-        (base_target[w, 0] - base_velocity_out[w, 0]) * blend,
-        -base_acceleration[0] * timestep,
-        base_acceleration[0] * timestep,
-    )
-    dw = wp.clamp(
-        (base_target[w, 1] - base_velocity_out[w, 1]) * blend,
-        -base_acceleration[1] * timestep,
-        base_acceleration[1] * timestep,
-    )
+    most = acceleration_scale[w] * base_acceleration[0] * timestep
+    dv = wp.clamp((base_target[w, 0] - base_velocity_out[w, 0]) * blend, -most, most)
+    most = acceleration_scale[w] * base_acceleration[1] * timestep
+    dw = wp.clamp((base_target[w, 1] - base_velocity_out[w, 1]) * blend, -most, most)
     # The mean velocity of the substep: its end's would run half a substep ahead of the commands.
     v = base_velocity_out[w, 0] + 0.5 * dv
     turn = base_velocity_out[w, 1] + 0.5 * dw
@@ -116,6 +111,7 @@ def drive(
     *,
     lag: wp.array,
     speed_scale: wp.array,
+    acceleration_scale: wp.array,
     base_target: wp.array,
     target: wp.array,
     qpos: wp.array,
@@ -129,6 +125,7 @@ def drive(
         timestep: Substep [s].
         lag: Time constants of base and joints [s], shape (nworld, 2).
         speed_scale: Factor on every speed limit, shape (nworld,).
+        acceleration_scale: Factor on the base's acceleration limits, shape (nworld,).
         base_target: Forward [m/s] and turning [rad/s] speed that the base shall reach, shape (nworld, 2).
         target: Joint targets in `robot.JOINTS` order [m or rad], shape (nworld, 8).
         qpos: Generalized positions, the robot's first, shape (nworld, 13 or more).
@@ -147,6 +144,7 @@ def drive(
             timestep,
             lag,
             speed_scale,
+            acceleration_scale,
             base_target,
             target,
             qpos,

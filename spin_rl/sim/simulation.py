@@ -44,10 +44,12 @@ class Dynamics:
     Attributes:
         lag: Time constants of base and joints [s], shape (nworld, 2).
         speed_scale: Factor on every speed limit, shape (nworld,).
+        acceleration_scale: Factor on the base's acceleration limits, shape (nworld,).
     """
 
     lag: wp.array
     speed_scale: wp.array
+    acceleration_scale: wp.array
 
 
 @dataclass
@@ -145,6 +147,7 @@ class Simulation:
                     [[profile.base_time_constant, profile.joint_time_constant]] * nworld, dtype=float
                 ),
                 speed_scale=wp.full(nworld, 1.0, dtype=float),
+                acceleration_scale=wp.full(nworld, 1.0, dtype=float),
             )
             self.contacts = Contacts(
                 parts=wp.zeros((nworld, len(robot.PARTS)), dtype=bool),
@@ -227,6 +230,7 @@ class Simulation:
                 self.config.timestep,
                 lag=self.dynamics.lag,
                 speed_scale=self.dynamics.speed_scale,
+                acceleration_scale=self.dynamics.acceleration_scale,
                 base_target=self._base_target,
                 target=self.target,
                 qpos=self.data.qpos,

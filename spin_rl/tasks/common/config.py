@@ -63,15 +63,17 @@ class DynamicsConfig:
         base_lag_s: Time constant of the base velocity [s].
         joint_lag_s: Time constant of the joints [s].
         speed_scale: Factor on all speed limits.
+        acceleration_scale: Factor on the base's acceleration limits.
     """
 
     base_lag_s: tuple[float, float] = (0.1, 0.2)
     joint_lag_s: tuple[float, float] = (0.08, 0.15)
     speed_scale: tuple[float, float] = (0.8, 1.0)
+    acceleration_scale: tuple[float, float] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
         """Reject ranges that the servos cannot have."""
-        for name in ("base_lag_s", "joint_lag_s", "speed_scale"):
+        for name in ("base_lag_s", "joint_lag_s", "speed_scale", "acceleration_scale"):
             low, high = getattr(self, name)
             if not 0.0 < low <= high < math.inf:
                 raise ValueError(f"task.dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")

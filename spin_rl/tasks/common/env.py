@@ -148,7 +148,7 @@ class TaskEnv(VecEnv):
         self._seed = wp.array([seed], dtype=wp.int32)
         self._counter = wp.zeros(n, dtype=wp.int32)
         self._lag_range = wp.array([cfg.dynamics.base_lag_s, cfg.dynamics.joint_lag_s], dtype=float)
-        self._speed_range = wp.array(cfg.dynamics.speed_scale, dtype=float)
+        self._scale_range = wp.array([cfg.dynamics.speed_scale, cfg.dynamics.acceleration_scale], dtype=float)
         self._episode_length = wp.zeros(n, dtype=wp.int32)
         self._end = episode.StepEnd()
         self._end.qpos = wp.zeros_like(self.sim.data.qpos)
@@ -210,8 +210,13 @@ class TaskEnv(VecEnv):
         wp.launch(
             episode.begin,
             dim=self.num_envs,
-            inputs=[mask, self._seed, self._lag_range, self._speed_range, self._counter],
-            outputs=[self._episode_length, dynamics.lag, dynamics.speed_scale],
+            inputs=[mask, self._seed, self._lag_range, self._scale_range, self._counter],
+            outputs=[
+                self._episode_length,
+                dynamics.lag,
+                dynamics.speed_scale,
+                dynamics.acceleration_scale,
+            ],
         )
 
     def _before_step(self) -> None:

@@ -78,15 +78,16 @@ def begin(
     mask: wp.array(dtype=bool),
     seed: wp.array(dtype=wp.int32),
     lag_range: wp.array2d(dtype=float),
-    speed_range: wp.array(dtype=float),
+    scale_range: wp.array2d(dtype=float),
     # In and out
     counter: wp.array(dtype=wp.int32),
     # Out
     length_out: wp.array(dtype=wp.int32),
     lag_out: wp.array2d(dtype=float),
     speed_scale_out: wp.array(dtype=float),
+    acceleration_scale_out: wp.array(dtype=float),
 ) -> None:
-    """Count the masked worlds' steps anew, and draw the servos' time constants [s] and speed factors."""
+    """Count the masked worlds' steps anew, and draw the servos' time constants [s] and factors."""
     w = wp.tid()
     if not mask[w]:
         return
@@ -95,4 +96,5 @@ def begin(
     counter[w] = counter[w] + 1
     lag_out[w, 0] = wp.randf(rng, lag_range[0, 0], lag_range[0, 1])
     lag_out[w, 1] = wp.randf(rng, lag_range[1, 0], lag_range[1, 1])
-    speed_scale_out[w] = wp.randf(rng, speed_range[0], speed_range[1])
+    speed_scale_out[w] = wp.randf(rng, scale_range[0, 0], scale_range[0, 1])
+    acceleration_scale_out[w] = wp.randf(rng, scale_range[1, 0], scale_range[1, 1])

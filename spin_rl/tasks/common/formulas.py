@@ -59,8 +59,13 @@ def proprio(
     return torch.cat((position, velocity, base_velocity, grasp_centre_b, last_action), -1)
 
 
-def goal(goal_b: torch.Tensor) -> torch.Tensor:
-    """Return the group `goal`, shape (n, 3), of a goal in the base frame [m], shape (n, 2)."""
+def goal(goal_b: torch.Tensor, farthest: float | None = None) -> torch.Tensor:
+    """Return the group `goal`, shape (n, 3), of a goal in the base frame [m], shape (n, 2).
+
+    A goal farther away than `farthest` [m] is told as that far, in its direction.
+    """
+    if farthest is not None:
+        goal_b = goal_b * (farthest / goal_b.norm(dim=-1, keepdim=True).clamp_min(farthest))
     return torch.cat((goal_b, goal_b.norm(dim=-1, keepdim=True)), -1) / GOAL_SCALE_M
 
 

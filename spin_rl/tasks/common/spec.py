@@ -26,7 +26,8 @@ class TaskSpec(Generic[Config]):
     Attributes:
         name: Its name, also of its file in conf/task.
         config: Its configuration.
-        scene: Parameters of its scenes, a dataclass: the group `scene` of the configuration.
+        scene: Parameters of its scenes, a dataclass: the group `scene` of the configuration; or what finds
+            it for the values of the group.
         make_env: Starts it: configuration, number of worlds, device and seed; with `scene_files` also, by
             keyword, `scene`, a fixed scene for all worlds.
         groups: Observation groups that it has, or has with depth images.
@@ -40,7 +41,7 @@ class TaskSpec(Generic[Config]):
 
     name: str
     config: type[Config]
-    scene: type
+    scene: type | Callable[[Mapping[str, Any]], type]
     make_env: Callable[..., TaskEnv]
     groups: tuple[str, ...]
     policies: Mapping[str, str]
@@ -55,7 +56,8 @@ class TaskSpec(Generic[Config]):
         Raises:
             ConfigError: Another task, an unknown key or an impossible value, named in the message.
         """
-        return task_config(cfg, self.name, self.config, self.scene, self.reward_terms)
+        scene = self.scene if isinstance(self.scene, type) else self.scene(cfg["scene"])
+        return task_config(cfg, self.name, self.config, scene, self.reward_terms)
 
     def as_trained(self, overrides: Sequence[str] = ()) -> Config:
         """Return the configuration that `spin-train` has.

@@ -6,8 +6,12 @@ import torch
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
+from spin_rl.scenes.rooms.generator import build_scenes
+from spin_rl.scenes.rooms.params import FamilyParams
+from spin_rl.scenes.rooms.start import place_starts
 from spin_rl.sensors.clearance import Clearance
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
@@ -18,6 +22,7 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
+from spin_rl.tasks.nav.ways import corridor_ways, family_ways, most_steps
 
 
 class NavEnv(CorridorEnv):
@@ -46,7 +51,7 @@ class NavEnv(CorridorEnv):
             num_envs: Number of worlds.
             device: Warp and Torch device.
             seed: Seed of layouts, start poses, dynamics and sensor noise.
-            scene: A fixed scene for every world and episode instead of the generator's corridors.
+            scene: A fixed scene for every world and episode instead of generated ones.
             capture: False launches kernels eagerly.
         """
         super().__init__(
@@ -54,7 +59,7 @@ class NavEnv(CorridorEnv):
             num_envs,
             device,
             seed,
-            pool=PoolSpec() if scene is None else scene.pool,
+            pool=_pool(cfg) if scene is None else scene.pool,
             terms=TERMS,
             camera_action=[
                 robot.action_of(joint, at)
@@ -70,14 +75,36 @@ class NavEnv(CorridorEnv):
             self._distance = wp.zeros(num_envs, dtype=float)
             self._progress = wp.zeros(num_envs, dtype=float)
             self._goal_distance = wp.zeros(num_envs, dtype=float)
+        self._make_ways(cfg)
         self._rules = rules_of(episode.NavRules, cfg, level_up=self._moves.up, level_down=self._moves.down)
         self._make_corridors(cfg)
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
-        self.observations = NavObservations(self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
+        self.observations = NavObservations(
+            self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m
+        )
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
+
+    def _make_ways(self, cfg: NavConfig) -> None:
+        """Make what says how far the goal is: a distance field for scene families, else the corridor."""
+        layout = self.sim.layout
+        self._field = None
+        if self._scene is not None or not isinstance(cfg.scene, FamilyParams):
+            self._ways = corridor_ways(layout, self.max_episode_length)
+            return
+        self._field = DistanceField(layout, self.device)
+        self._ways = family_ways(
+            layout,
+            self._field,
+            cfg.scene,
+            robot.SPEED_PROFILES[cfg.robot_profile],
+            period=cfg.sim.control_period,
+            slack_s=cfg.slack_s,
+            slowness=cfg.slowness,
+        )
+        self.max_episode_length = most_steps(self._ways, cfg.dynamics.speed_scale[0])
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
@@ -96,9 +123,9 @@ class NavEnv(CorridorEnv):
                 sim.data.qvel,
                 sim.action,
                 self._goal,
-                sim.layout.bend,
                 sim.contacts.parts,
                 self._rules,
+                self._ways,
                 self._episode_length,
                 self._distance,
                 self._level,
@@ -107,13 +134,17 @@ class NavEnv(CorridorEnv):
         )
 
     def _draw_scenes(self, mask: wp.array) -> None:
-        if self._scene is None:
+        layout, params = self.sim.layout, self._layout_params
+        draw = {"seed": self._seed, "counter": self._layout_counter, "mask": mask}
+        if self._field is not None:
+            build_scenes(layout, params, **draw)
+            self._field.update(layout.goal, mask)
+            place_starts(layout, params, self._field.field, **draw)
+        elif self._scene is None:
             generate_layouts(
-                self.sim.layout,
-                self._layout_params,
-                seed=self._seed,
-                counter=self._layout_counter,
-                mask=mask,
+                layout,
+                params,
+                **draw,
                 scenario_choice=self._scenario_choice,
                 difficulty_choice=self._difficulty_choice,
                 level=self._level,
@@ -125,8 +156,8 @@ class NavEnv(CorridorEnv):
         wp.launch(
             episode.begin_episodes,
             dim=self.num_envs,
-            inputs=[mask, sim.data.qpos, self._goal, sim.layout.bend],
-            outputs=[self._distance],
+            inputs=[mask, sim.data.qpos, self._goal, sim.dynamics.speed_scale],
+            outputs=[self._ways, self._distance],
         )
 
     def _before_step(self) -> None:
@@ -148,3 +179,8 @@ class NavEnv(CorridorEnv):
             last_action=self._last_action,
             haste=self._haste,
         )
+
+
+def _pool(cfg: NavConfig) -> PoolSpec:
+    """Scene geoms that generated scenes need."""
+    return cfg.scene.pool if isinstance(cfg.scene, FamilyParams) else PoolSpec()

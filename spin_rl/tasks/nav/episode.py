@@ -15,6 +15,7 @@ from spin_rl.tasks.common.episode import (
     move_level,
     put_outcome,
 )
+from spin_rl.tasks.nav.ways import Ways, distance_to_go, limit_time, way_to_go
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,25 +24,10 @@ wp.set_module_options({"enable_backward": False})
 class NavRules:
     """When an episode ends; see `NavConfig`."""
 
-    episode_steps: int
     goal_tolerance_m: float
     stop_on_collision: bool
     level_up: float
     level_down: float
-
-
-@wp.func
-def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
-    """Path length left to the goal [m]: straight, or along the two legs of an L-shaped corridor.
-
-    The legs lie along the world's axes, so the length along an L is the Manhattan distance: continuous, and
-    shrinking all the way around the corner, where the straight distance would reward driving into the wall.
-    """
-    dx = goal[0] - x
-    dy = goal[1] - y
-    if bend != 0:
-        return wp.abs(dx) + wp.abs(dy)
-    return wp.sqrt(dx * dx + dy * dy)
 
 
 @wp.kernel
@@ -51,9 +37,9 @@ def end_episodes(
     qvel: wp.array2d(dtype=float),
     action: wp.array2d(dtype=float),
     goal: wp.array(dtype=wp.vec2),
-    bend: wp.array(dtype=wp.int32),
     part_contacts: wp.array2d(dtype=bool),
     rules: NavRules,
+    ways: Ways,
     # In and out
     episode_length: wp.array(dtype=wp.int32),
     distance: wp.array(dtype=float),
@@ -78,7 +64,7 @@ def end_episodes(
         progress_out[w] = 0.0
         goal_distance_out[w] = distance[w]
     else:
-        now = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
+        now = way_to_go(ways, w, qpos[w, 0], qpos[w, 1], goal[w], distance[w])
         straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
         progress_out[w] = distance[w] - now
         goal_distance_out[w] = straight
@@ -87,7 +73,7 @@ def end_episodes(
             outcome = COLLISION
         elif straight < rules.goal_tolerance_m:
             outcome = SUCCESS
-        elif episode_length[w] >= rules.episode_steps:
+        elif episode_length[w] >= ways.most_steps[w]:
             outcome = TIMEOUT
     put_outcome(w, outcome, end)
     move_level(w, outcome, rules.level_up, rules.level_down, level)
@@ -99,11 +85,16 @@ def begin_episodes(
     mask: wp.array(dtype=bool),
     qpos: wp.array2d(dtype=float),
     goal: wp.array(dtype=wp.vec2),
-    bend: wp.array(dtype=wp.int32),
+    speed_scale: wp.array(dtype=float),
+    # In and out
+    ways: Ways,
     # Out
     distance_out: wp.array(dtype=float),
 ) -> None:
     """Begin the masked worlds' episodes at their start poses, one thread per world."""
     w = wp.tid()
     if mask[w]:
-        distance_out[w] = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], bend[w])
+        straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
+        way = way_to_go(ways, w, qpos[w, 0], qpos[w, 1], goal[w], straight)
+        distance_out[w] = way
+        limit_time(ways, w, way, speed_scale[w])

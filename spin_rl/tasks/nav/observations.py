@@ -51,6 +51,7 @@ class NavObservations(Proprioception):
         noise: NavNoise,
         seed: int,
         depth: DepthImages | None = None,
+        goal_range: float | None = None,
     ) -> None:
         """Prepare constants on the simulation's device.
 
@@ -61,11 +62,13 @@ class NavObservations(Proprioception):
             noise: Sensor noise.
             seed: Seed of the noise.
             depth: Its depth camera, if it has one.
+            goal_range: Farthest that a goal is shown [m]; None shows it where it is.
         """
         super().__init__(sim, noise, seed)
         self._goal = goal
         self._noise = noise
         self._depth = depth
+        self._goal_range = goal_range
         self._visible = wp.to_torch(scandots.visible).flatten(1)
         self._all = wp.to_torch(scandots.all).flatten(1)
 
@@ -75,7 +78,7 @@ class NavObservations(Proprioception):
         goal_b = self.perturbed(formulas.in_base(self._goal, self._views.qpos), self._noise.goal_m)
         groups = {
             "proprio": proprio,
-            "goal": formulas.goal(goal_b),
+            "goal": formulas.goal(goal_b, self._goal_range),
             "scandots": self._with_noise(self._visible),
             "scandots_all": self._all.clone(),
         }

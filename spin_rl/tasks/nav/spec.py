@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.scenes.rooms.params import scene_class
 from spin_rl.tasks.common.spec import TaskSpec
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
@@ -12,7 +12,7 @@ from spin_rl.tasks.nav.rewards import TERMS
 NAV = TaskSpec(
     name="nav",
     config=NavConfig,
-    scene=GeneratorParams,
+    scene=scene_class,
     make_env=NavEnv,
     groups=(*NAV_GROUPS, *NAV_OPTIONAL_GROUPS),
     policies={"policy": "nav"},

@@ -1,0 +1,115 @@
+# pyright: reportGeneralTypeIssues=false
+# (to a type checker, a Warp struct is an object, not a class)
+"""How far it is to the goal, and how long an episode may take: by the corridor's shape, or by a distance field."""
+
+from typing import Any
+
+import warp as wp
+
+from spin_rl import robot
+from spin_rl.planning.distance_field import DistanceField
+from spin_rl.scenes.layout import Layout
+from spin_rl.scenes.rooms.params import FamilyParams
+from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field, field_at
+
+_LONGEST = 1.2
+"""Ways are no longer than so many times the longest that starts are drawn for: they bend around obstacles."""
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
+    """Path length left to the goal [m]: straight, or along the two legs of an L-shaped corridor.
+
+    The legs lie along the world's axes, so the length along an L is the Manhattan distance: continuous, and
+    shrinking all the way around the corner, where the straight distance would reward driving into the wall.
+    """
+    dx = goal[0] - x
+    dy = goal[1] - y
+    if bend != 0:
+        return wp.abs(dx) + wp.abs(dy)
+    return wp.sqrt(dx * dx + dy * dy)
+
+
+@wp.struct
+class Ways:
+    """What says how far it is to the goal in every world.
+
+    A ``field`` without cells leaves it to the corridor's ``bend``. ``most_steps`` (nworld,) is the time limit
+    of the running episode in control steps: with a field, ``slack_steps`` and ``steps_per_m`` of its way at
+    full speed, for at most ``longest_m``.
+    """
+
+    bend: wp.array[int]
+    field: Field
+    most_steps: wp.array[int]
+    slack_steps: float
+    steps_per_m: float
+    longest_m: float
+
+
+@wp.func
+def way_to_go(ways: Ways, w: int, x: float, y: float, goal: wp.vec2, otherwise: float) -> float:
+    """Length of the way left to the goal [m]; `otherwise` where the field knows none.
+
+    There is none from where the base's front is under something that the mast cannot pass.
+    """
+    if ways.field.values.shape[1] == 0:
+        return distance_to_go(x, y, goal, ways.bend[w])
+    way = field_at(ways.field, w, x, y)
+    return wp.where(way < UNREACHABLE, way, otherwise)
+
+
+@wp.func
+def limit_time(ways: Ways, w: int, way: float, speed_scale: float) -> None:
+    """Set a world's time limit for a new episode with a way [m] and a factor on the robot's speeds."""
+    if ways.field.values.shape[1] > 0:
+        steps = ways.slack_steps + ways.steps_per_m * wp.min(way, ways.longest_m) / speed_scale
+        ways.most_steps[w] = int(steps)
+
+
+def corridor_ways(layout: Layout, episode_steps: int) -> Any:
+    """Make the struct of scenes without a distance field; every episode may take as long."""
+    ways = Ways()
+    ways.bend = layout.bend
+    with wp.ScopedDevice(layout.device):
+        ways.field.values = wp.zeros((0, 0, 0), dtype=float)
+        ways.field.origin = wp.zeros(0, dtype=wp.vec2)
+        ways.field.goal = wp.zeros(0, dtype=wp.vec2)
+        ways.most_steps = wp.full(layout.nworld, episode_steps, dtype=wp.int32)
+    return ways
+
+
+def family_ways(
+    layout: Layout,
+    field: DistanceField,
+    scene: FamilyParams,
+    profile: robot.SpeedProfile,
+    *,
+    period: float,
+    slack_s: float,
+    slowness: float,
+) -> Any:
+    """Make the struct of scene families.
+
+    Args:
+        layout: The scenes.
+        field: Their distance fields.
+        scene: Parameters of the scenes.
+        profile: Speed limits of the robot.
+        period: Control period [s].
+        slack_s: Time that every episode has [s].
+        slowness: How many times as long as the way takes at full speed it has besides.
+    """
+    ways = corridor_ways(layout, 0)
+    ways.field = field.field
+    ways.slack_steps = slack_s / period
+    ways.steps_per_m = slowness / profile.forward_max / period
+    ways.longest_m = _LONGEST * scene.way[1]
+    return ways
+
+
+def most_steps(ways: Any, slowest: float) -> int:
+    """The longest that an episode of scene families may take in control steps, at a factor on speeds."""
+    return int(ways.slack_steps + ways.steps_per_m * ways.longest_m / slowest)
