@@ -1,6 +1,6 @@
 # pyright: reportGeneralTypeIssues=false
 # (to a type checker, a Warp struct is an object, not a class)
-"""How far it is to the goal, and how long an episode may take: by the corridor's shape, or by a distance field."""
+"""How far it is to the goal, and how long an episode may take: by the corridor's shape or by a field."""
 
 from typing import Any
 
