@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
+# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
 """What the cells of a distance field are, and the values around the goal, from which the others spread."""
 
 import warp as wp
@@ -16,9 +16,9 @@ KIND = wp.constant(3)
 """Bits of the kind."""
 
 BORDER = wp.constant(4)
-"""Flag of the outermost cells, which lack neighbours; the solver's flags are above it."""
+"""Flag of the outermost cells, which lack neighbours: they never get values. The solver's flags are above."""
 
-_NEAR = wp.constant(3)
+_NEAR = wp.constant(6)
 """Cells around the goal with exact values."""
 
 wp.set_module_options({"enable_backward": False})
@@ -127,11 +127,11 @@ def _rasterize(
 
 
 @wp.func
-def _hides(obstacles: Slots, world: int, slot: int, start: wp.vec2, end: wp.vec2) -> bool:
-    """Whether a slot, seen from above, lies between two points."""
+def _hides(obstacles: Slots, world: int, slot: int, margin: float, start: wp.vec2, end: wp.vec2) -> bool:
+    """Whether a slot with a margin around it, seen from above, lies between two points."""
     origin = _offset(obstacles, world, slot, start)
     direction = _offset(obstacles, world, slot, end) - origin
-    half = obstacles.half_size[world, slot]
+    half = obstacles.half_size[world, slot] + wp.vec3(margin, margin, 0.0)
     if obstacles.is_cylinder[slot]:
         return ray_cylinder(origin, direction, half[0], half[2]) < 1.0
     return ray_box(origin, direction, half) < 1.0
@@ -142,10 +142,14 @@ def _seed(
     mask: wp.array[wp.bool],
     obstacles: Slots,
     ceiling: float,
+    clearance: float,
     # Out
     field: Field,
 ):
-    """Straight distances of the cells near the goal that see it."""
+    """Straight distances of the cells near the goal that see it past what ways keep clear of.
+
+    They keep less clear of what the goal itself is near to.
+    """
     world = wp.tid()
     if not mask[world]:
         return
@@ -153,13 +157,13 @@ def _seed(
     at = (goal - field.origin[world]) / field.cell
     rows = field.values.shape[1]
     columns = field.values.shape[2]
-    if not (at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(columns) and at[1] < float(rows)):
+    if not (at[0] >= 1.0 and at[1] >= 1.0 and at[0] < float(columns - 1) and at[1] < float(rows - 1)):
         return
     reach = float(_NEAR) * field.cell
-    low = wp.max(int(at[1]) - _NEAR, 0)
-    high = wp.min(int(at[1]) + _NEAR, rows - 1)
-    left = wp.max(int(at[0]) - _NEAR, 0)
-    right = wp.min(int(at[0]) + _NEAR, columns - 1)
+    low = wp.max(int(at[1]) - _NEAR, 1)
+    high = wp.min(int(at[1]) + _NEAR, rows - 2)
+    left = wp.max(int(at[0]) - _NEAR, 1)
+    right = wp.min(int(at[0]) + _NEAR, columns - 2)
     for row in range(low, high + 1):
         for column in range(left, right + 1):
             distance = wp.length(cell_centre(field, world, column, row) - goal)
@@ -168,11 +172,16 @@ def _seed(
     for slot in range(obstacles.pos.shape[1]):
         if _counts(obstacles, world, slot, ceiling):
             offset = _offset(obstacles, world, slot, goal)
-            half = obstacles.half_size[world, slot]
-            if _distance_squared(obstacles.is_cylinder[slot], half, offset) < reach * reach:
+            distance = wp.sqrt(
+                _distance_squared(obstacles.is_cylinder[slot], obstacles.half_size[world, slot], offset)
+            )
+            # The margin's corners are square: 0.7 keeps the goal outside.
+            margin = wp.min(clearance, 0.7 * distance)
+            if distance < reach + clearance:
                 for row in range(low, high + 1):
                     for column in range(left, right + 1):
-                        if _hides(obstacles, world, slot, goal, cell_centre(field, world, column, row)):
+                        centre = cell_centre(field, world, column, row)
+                        if _hides(obstacles, world, slot, margin, goal, centre):
                             field.values[world, row, column] = UNREACHABLE
 
 
@@ -201,5 +210,9 @@ def prepare_cells(
         **launch,
     )
     wp.launch(
-        _seed, dim=mask.shape[0], inputs=[mask, obstacles, ceiling], outputs=[field], device=mask.device
+        _seed,
+        dim=mask.shape[0],
+        inputs=[mask, obstacles, ceiling, clearance],
+        outputs=[field],
+        device=mask.device,
     )

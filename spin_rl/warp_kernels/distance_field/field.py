@@ -15,7 +15,8 @@ class Field:
     """Distance fields of all worlds.
 
     ``values`` [m] has shape (nworld, ny, nx). Cell (row, column) has its centre at ``origin`` + (column +
-    0.5, row + 0.5) * ``cell`` [m]; ``origin`` and ``goal`` (nworld,) are in the world.
+    0.5, row + 0.5) * ``cell`` [m]; ``origin`` and ``goal`` (nworld,) are in the world. The outermost cells
+    are a frame without values.
     """
 
     values: wp.array3d[float]
@@ -36,22 +37,19 @@ def field_at(field: Field, world: int, x: float, y: float) -> float:
 
     Interpolated is what the way is longer than the straight line, so that the value is exact where the goal
     is in sight and near. Cells that cannot reach the goal do not count beside others that can. Outside the
-    grid: the value at its border, plus the distance to it.
+    grid's frame: the value beside it, plus the distance to there.
     """
     rows = field.values.shape[1]
     columns = field.values.shape[2]
     goal = field.goal[world]
-    point = wp.vec2(x, y)
-    first = cell_centre(field, world, 0, 0)
-    last = cell_centre(field, world, columns - 1, rows - 1)
+    first = cell_centre(field, world, 1, 1)
+    last = cell_centre(field, world, columns - 2, rows - 2)
     inside = wp.vec2(wp.clamp(x, first[0], last[0]), wp.clamp(y, first[1], last[1]))
     offset = (inside - first) / field.cell
-    if not wp.isfinite(offset[0] + offset[1]):
-        return UNREACHABLE
-    column = wp.clamp(int(offset[0]), 0, columns - 2)
-    row = wp.clamp(int(offset[1]), 0, rows - 2)
-    across = offset[0] - float(column)
-    up = offset[1] - float(row)
+    column = 1 + wp.clamp(int(offset[0]), 0, columns - 4)
+    row = 1 + wp.clamp(int(offset[1]), 0, rows - 4)
+    across = offset[0] - float(column - 1)
+    up = offset[1] - float(row - 1)
     detour = float(0.0)
     weights = float(0.0)
     for corner in range(4):
@@ -63,7 +61,7 @@ def field_at(field: Field, world: int, x: float, y: float) -> float:
             straight = wp.length(cell_centre(field, world, column + i, row + j) - goal)
             detour += weight * (value - straight)
             weights += weight
-    distance = wp.length(inside - goal) + wp.length(point - inside)
+    distance = wp.length(wp.vec2(x, y) - goal)
     if weights <= 1.0e-6:
         return UNREACHABLE + distance
     return distance + detour / weights

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
+# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
 """Values of a distance field, spread from the goal.
 
 The value T solves the eikonal equation |grad T| = slowness with first-order upwind differences (Rouy and
@@ -18,7 +18,6 @@ import warp as wp
 from spin_rl.warp_kernels.distance_field.cells import (
     BLOCKED,
     BORDER,
-    FREE,
     KIND,
     SLOW,
     prepare_cells,
@@ -100,12 +99,10 @@ def _spread(
         waiting = 0
         lowest = UNREACHABLE
         count -= 1
-        kind[here] = (kind[here] & (KIND | BORDER)) | _REACHED
+        kind[here] = (kind[here] & KIND) | _REACHED
         for side in range(4):
             step = wp.where(side < 2, 1, columns)
             beside = here + wp.where(side % 2 == 0, step, -step)
-            if beside < 0 or beside >= size:
-                continue
             flags = kind[beside]
             passable = (flags & (KIND | BORDER)) <= SLOW
             if passable and value[beside] > mine:
@@ -123,13 +120,11 @@ def _spread(
 
 
 @wp.func
-def _settled(values: wp.array3d[float], kinds: wp.array3d[int], world: int, row: int, column: int, ring: int):
+def _settled(field: Field, kinds: wp.array3d[int], world: int, row: int, column: int, ring: int) -> float:
     """Value of a cell that was reached, or extended to in an earlier ring; `UNREACHABLE` for others."""
-    if row < 0 or column < 0 or row >= values.shape[1] or column >= values.shape[2]:
-        return UNREACHABLE
     flags = kinds[world, row, column]
     if (flags & _REACHED) != 0 or (flags >= _EXTENDED and flags < _EXTENDED + ring):
-        return values[world, row, column]
+        return field.values[world, row, column]
     return UNREACHABLE
 
 
@@ -142,31 +137,24 @@ def _extend(
     field: Field,
     kinds: wp.array3d[int],
 ):
-    """Give blocked cells beside settled ones a value: the robot's own point may be there, its front is near.
-
-    So do the border's, but not farther than its corners.
-    """
+    """Give blocked cells beside settled ones a value: the robot's own point may be there."""
     world, lane = wp.tid()
     if not mask[world]:
         return
-    for row in range(lane, field.values.shape[1], lanes):
-        for column in range(field.values.shape[2]):
-            flags = kinds[world, row, column]
-            kind = flags & KIND
-            if kind == BLOCKED or (kind < BLOCKED and (flags & BORDER) != 0 and ring < 2):
-                if flags < _REACHED:
-                    a = wp.min(
-                        _settled(field.values, kinds, world, row, column - 1, ring),
-                        _settled(field.values, kinds, world, row, column + 1, ring),
-                    )
-                    b = wp.min(
-                        _settled(field.values, kinds, world, row - 1, column, ring),
-                        _settled(field.values, kinds, world, row + 1, column, ring),
-                    )
-                    if wp.min(a, b) < UNREACHABLE:
-                        slowness = wp.where(kind == FREE, 1.0, _SLOWNESS)
-                        field.values[world, row, column] = _upwind(a, b, slowness * field.cell)
-                        kinds[world, row, column] = _EXTENDED + ring
+    for row in range(1 + lane, field.values.shape[1] - 1, lanes):
+        for column in range(1, field.values.shape[2] - 1):
+            if kinds[world, row, column] == BLOCKED:  # and neither reached nor extended to
+                a = wp.min(
+                    _settled(field, kinds, world, row, column - 1, ring),
+                    _settled(field, kinds, world, row, column + 1, ring),
+                )
+                b = wp.min(
+                    _settled(field, kinds, world, row - 1, column, ring),
+                    _settled(field, kinds, world, row + 1, column, ring),
+                )
+                if wp.min(a, b) < UNREACHABLE:
+                    field.values[world, row, column] = _upwind(a, b, _SLOWNESS * field.cell)
+                    kinds[world, row, column] = _EXTENDED + ring
 
 
 def solve_distance_field(
@@ -197,8 +185,8 @@ def solve_distance_field(
         blocked: Nearer no way leads through [m]; at least half a cell, or ways lead through thin walls.
         rings: Cells from passable ones up to which the others get values, at most `MAX_RINGS`.
     """
-    nworld, rows, columns = field.values.shape
-    lanes = _CUDA_LANES if mask.device.is_cuda else 1
+    nworld, columns = kinds.shape[0], kinds.shape[2]
+    lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
     prepare_cells(
         obstacles,
         goal,
@@ -210,7 +198,7 @@ def solve_distance_field(
         blocked=blocked,
         lanes=lanes,
     )
-    flat = (nworld, rows * columns)
+    flat = queue.shape
     wp.launch(
         _spread,
         dim=nworld,
