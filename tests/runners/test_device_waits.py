@@ -14,11 +14,11 @@ from spin_rl.runners import PPO
 from spin_rl.runners.distillation.algorithm import Distillation
 from spin_rl.runners.distillation.sequences import Sequences
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.common.config import NavConfig
 from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
-from spin_rl.tasks.nav.observations import NoiseConfig
+from spin_rl.tasks.nav.observations import NavNoise
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.tasks.pick.observations import PickNoise
@@ -69,7 +69,7 @@ def test_watcher_notices(wait):
 NAV = NavConfig(
     reward={"success": 1.0, "clearance": -1.0},
     depth=DepthConfig(),
-    noise=NoiseConfig(0.1, 0.1, 0.1, 0.1, 0.1),
+    noise=NavNoise(0.1, 0.1, 0.1, 0.1, 0.1),
 )
 PICK = PickConfig(depth=DepthConfig(), noise=PickNoise(0.1, 0.1, 0.1, 0.1, 0.1))
 FETCH = FetchConfig(depth=DepthConfig(), pick_range_m=(0.5, 1.5))
