@@ -7,8 +7,9 @@ import pytest
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT
+from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT, StepEnd
+from spin_rl.tasks.nav.episode import NavRules, end_episodes
+from spin_rl.tasks.nav.ways import Ways
 
 TOLERANCE, LIMIT = 0.3, 100
 UP, DOWN = 0.1, 0.05
@@ -36,31 +37,35 @@ def end(lefts, device, *, stop_on_collision=True):
     for world, left in enumerate(lefts):
         if left.broken is not None:
             state[left.broken][world, 4] = np.nan
+    rules, ways, ended = NavRules(), Ways(), StepEnd()
+    rules.goal_tolerance_m, rules.stop_on_collision = TOLERANCE, stop_on_collision
+    rules.level_up, rules.level_down = UP, DOWN
     with wp.ScopedDevice(device):
         progress, distance, level = (wp.full(n, value, dtype=float) for value in (0.0, 3.0, 0.5))
         outcome, done = wp.zeros(n, dtype=wp.int32), wp.zeros(n, dtype=bool)
         straight = wp.zeros(n, dtype=float)
         qpos, qvel, action = (wp.array(array) for array in state.values())
+        ways.bend = wp.array([left.bend for left in lefts], dtype=wp.int32)
+        ways.field.values = wp.zeros((0, 0, 0), dtype=float)
+        ways.most_steps = wp.full(n, LIMIT, dtype=wp.int32)
+        ended.qpos, ended.qvel = wp.zeros_like(qpos), wp.zeros_like(qvel)
+        ended.outcome, ended.done = outcome, done
         wp.launch(
-            episode._end_episodes,
+            end_episodes,
             dim=n,
             inputs=[
                 qpos,
                 qvel,
                 action,
                 wp.array([left.way for left in lefts], dtype=wp.vec2),
-                wp.array([left.bend for left in lefts], dtype=wp.int32),
                 wp.array([[part == left.part for part in robot.PARTS] for left in lefts], dtype=bool),
-                TOLERANCE,
-                LIMIT,
-                stop_on_collision,
-                UP,
-                DOWN,
+                rules,
+                ways,
                 wp.array([left.length for left in lefts], dtype=wp.int32),
                 distance,
                 level,
             ],
-            outputs=[progress, straight, wp.zeros_like(qpos), wp.zeros_like(qvel), outcome, done],
+            outputs=[progress, straight, ended],
         )
     assert (done.numpy() == (outcome.numpy() != RUNNING)).all()
     return outcome.numpy().tolist(), level.numpy(), progress.numpy(), straight.numpy()
