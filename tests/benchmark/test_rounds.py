@@ -5,8 +5,9 @@ import pytest
 
 from spin_rl.benchmark.metrics import Episodes
 from spin_rl.benchmark.rounds import run_rounds
-from spin_rl.tasks.common.config import CurriculumConfig, NavConfig
+from spin_rl.tasks.common.config import CurriculumConfig
 from spin_rl.tasks.common.episode import SUCCESS, TIMEOUT
+from spin_rl.tasks.nav.config import NavConfig
 
 NUM_WORLDS, ROUNDS = 4, 3
 
