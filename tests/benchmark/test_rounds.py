@@ -34,7 +34,7 @@ class Noting:
             self.scenes.append(scene)
             self.begins = False
         if self.arrives:
-            views.goal[:] = views.qpos[:, :2]
+            self.env.goal[:] = views.qpos[:, :2]
         return views.action.clone()
 
 
