@@ -107,7 +107,7 @@ class NearestObstacle:
                 (self._measure(part, geom, slot) for slot in slots for geom in self._part_geoms[part]),
                 key=lambda touch: touch.distance,
             )
-            for part in np.flatnonzero(parts)
+            for part in np.flatnonzero(parts).tolist()
         ]
         return sorted(nearest, key=lambda touch: touch.distance)
 

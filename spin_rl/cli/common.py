@@ -159,7 +159,7 @@ def resolve_device(device: str) -> str:
 
 def with_preset(arguments: list[str], has_gpu: bool, group: str = "preset") -> list[str]:
     """Add `preset=gpu`, or another group's, where the command will run on a GPU and no preset is named."""
-    given = dict(argument.partition("=")[::2] for argument in arguments)
+    given = {key: value for key, _, value in (argument.partition("=") for argument in arguments)}
     on_gpu = given.get("device", "auto") != "cpu" and has_gpu
     return [*arguments, f"{group}=gpu"] if on_gpu and group not in given else arguments
 

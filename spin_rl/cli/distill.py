@@ -132,7 +132,7 @@ def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> d
     check_task("teacher", teacher.name, own, spec.name, spec.name)
     runner = dict(values["runner"])
     runner |= student_config(teacher.metadata, runner.pop("depth_encoder"), runner.pop("further_groups"))
-    check_distillation(runner, dict.fromkeys(spec.groups), options.num_envs)
+    check_distillation(runner, spec.groups, options.num_envs)
     return with_depth(values | {"runner": runner})
 
 

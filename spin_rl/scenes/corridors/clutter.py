@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Obstacles along a stretch of corridor, as Warp functions: always passable, by construction.
 
 A stretch has a coordinate s along and t across (left positive). Obstacles are drawn in the order in which the

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Halls with side openings out of which things move, as a Warp function."""
 
 import warp as wp
