@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import OmegaConf
 
@@ -124,7 +124,7 @@ def noise_label(noise: Mapping[str, Any]) -> str:
     """
     labels = []
     for file in sorted((CONF_DIR / "depth").glob("*.yaml")):
-        named = OmegaConf.to_container(OmegaConf.load(file))["noise"]  # type: ignore[index,call-overload]
+        named = cast(dict[str, Any], OmegaConf.to_container(OmegaConf.load(file)))["noise"]
         changes = [f"{key}={value}" for key, value in noise.items() if _listed(value) != named[key]]
         labels.append([file.stem, *changes])
     return ", ".join(min(labels, key=len))

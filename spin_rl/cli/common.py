@@ -214,8 +214,7 @@ def is_main_process() -> bool:
 @contextlib.contextmanager
 def announced(what: str) -> Iterator[None]:
     """Announce work that may compile kernels, and show that it goes on while it does."""
-    wp.config.quiet = True
-    wp.config.log_level = max(getattr(wp.config, "log_level", 0), 30)
+    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     if not is_main_process():
         yield
         return

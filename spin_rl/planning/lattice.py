@@ -168,7 +168,7 @@ def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np
 def _outermost(columns: np.ndarray) -> np.ndarray:
     """The columns that, seen from above, do not lie inside another one."""
     low, high = columns[:, 0, :2], columns[:, 1, :2]
-    inside = ((low[:, None] >= low) & (high[:, None] <= high)).all(axis=2)
+    inside = np.all((low[:, None] >= low) & (high[:, None] <= high), axis=2)
     np.fill_diagonal(inside, False)
     inside &= ~np.triu(inside & inside.T)  # of equal ones the first stays
     return columns[~inside.any(axis=1)]

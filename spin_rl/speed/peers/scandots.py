@@ -69,7 +69,7 @@ def scandot_tokens_numpy(
     base_cos, base_sin = np.cos(worlds.base[:, 2]), np.sin(worlds.base[:, 2])
     xy_b = _turn(corners[..., :2] - base_xy[:, None], base_cos[:, None, None], -base_sin[:, None, None])
     corners_b = np.concatenate([xy_b, corners[..., 2:]], -1)
-    inside = (np.abs(xy_b) <= worlds.window).all(-1)
+    inside = np.all(np.abs(xy_b) <= worlds.window, axis=-1)
 
     in_cam = (corners - worlds.cam_pos[:, None, None]) @ worlds.cam_mat[:, None]
     depth = in_cam[..., 2]

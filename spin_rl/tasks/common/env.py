@@ -72,6 +72,8 @@ class TaskEnv(VecEnv):
     camera_actions = CAMERA_ACTIONS
     camera_columns = camera_columns()
     cfg: TaskConfig
+    device: str
+    max_episode_length: int
     sensors: tuple[Sensor, ...] = ()
     step_sensors: tuple[Sensor, ...] = ()
     outcomes: tuple[str, ...] = episode.OUTCOMES
