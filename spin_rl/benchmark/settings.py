@@ -50,7 +50,7 @@ def for_policy(
             by_user -= {"depth"}
         if value is not None and not by_user & asked:
             OmegaConf.update(result, key, value, force_add=True)
-    return OmegaConf.to_container(result)  # type: ignore[return-value]
+    return cast(dict[str, Any], OmegaConf.to_container(result))
 
 
 def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             raise ConfigError(f"pick: {key} is {values[1]} there and {values[0]} in the policy that drives")
         if values and values[0] is not None:
             OmegaConf.update(joint, key, values[0], force_add=True)
-    return OmegaConf.to_container(joint)  # type: ignore[return-value]
+    return cast(dict[str, Any], OmegaConf.to_container(joint))
 
 
 def group_of(override: str) -> str:

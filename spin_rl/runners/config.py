@@ -143,7 +143,8 @@ def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str
         raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.") from error
     is_fit = inspect.isclass(named) and issubclass(named, base)
     _require(is_fit, f"{where}.class_name", f"a {base.__module__}.{base.__name__}", cfg["class_name"])
-    _check_keys(cfg, (_arguments(named) - set(given)) | {"class_name"}, set(), where)  # type: ignore
+    assert inspect.isclass(named)
+    _check_keys(cfg, (_arguments(named) - set(given)) | {"class_name"}, set(), where)
 
 
 def _arguments(named: type) -> set[str]:

@@ -19,8 +19,8 @@ from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel
 from spin_rl.runners.checkpoint import to_cpu
-from spin_rl.runners.distillation.algorithm import build_student
 from spin_rl.runners.distillation.sequences import Recorder, Sequences
+from spin_rl.runners.distillation.student import build_student
 from spin_rl.runners.interface import TrainingEnv
 
 _POLL_S = 0.5
