@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.sim.simulation import Simulation, geom_parts
+from spin_rl.sim.model import geom_parts
+from spin_rl.sim.simulation import Simulation
 
 FLOOR = -1
 """Stands for the floor where a slot is expected."""

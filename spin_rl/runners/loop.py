@@ -1,4 +1,8 @@
-"""The training loop of all algorithms: it shows progress, stops, saves and resumes cleanly."""
+"""The training loop of all algorithms: it shows progress, stops, saves and resumes cleanly.
+
+One class, and so one file: each of its parts reads and writes the state of the run. What can do without that
+state is elsewhere: checkpoints, progress, signals and limits, processes.
+"""
 
 from __future__ import annotations
 

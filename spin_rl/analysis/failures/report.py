@@ -16,7 +16,7 @@ from spin_rl.analysis.failures.analysis import failures_of
 from spin_rl.analysis.failures.watch import HITS, Failure, scene_of
 from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables import reach as report
-from spin_rl.sim.simulation import geom_parts
+from spin_rl.sim.model import geom_parts
 from spin_rl.viewer import style
 
 _TIME_BINS_S = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)

@@ -1,4 +1,8 @@
-"""Proximal policy optimization on sequences: a subclass of rsl_rl's PPO."""
+"""Proximal policy optimization on sequences: a subclass of rsl_rl's PPO.
+
+One class, and so one file: the update, and what of rsl_rl it replaces. The storage is elsewhere, and so are
+losses beyond PPO's, in a subclass.
+"""
 
 from __future__ import annotations
 

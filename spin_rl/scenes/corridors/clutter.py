@@ -11,7 +11,7 @@ second one starts late enough. The room that is left over along the stretch is s
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.warp_kernels.slots import Slots, put_slot
 
 MAX_OBSTACLES = wp.constant(8)

@@ -13,8 +13,9 @@ import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
 from spin_rl.scenes.corridors.motion import draw_motion
-from spin_rl.scenes.corridors.params import GeneratorParams, ParamsStruct, params_struct
+from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.corridors.start_pose import put_start
+from spin_rl.scenes.corridors.struct import ParamsStruct, params_struct
 from spin_rl.scenes.corridors.walls import put_bent_walls, put_straight_walls
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.warp_kernels.slots import Slots, put_slot, slots_of

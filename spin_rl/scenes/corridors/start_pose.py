@@ -4,7 +4,7 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.footprint import pose_is_clear
 from spin_rl.warp_kernels.slots import Slots
 

@@ -6,7 +6,7 @@
 import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.rooms.geometry import Rectangles, Site, middle_of, shifted, with_rectangle
 from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_walls

@@ -4,7 +4,7 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, with_rectangle, with_reserved

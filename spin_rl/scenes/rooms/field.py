@@ -5,7 +5,7 @@
 import warp as wp
 
 from spin_rl.scenes.corridors.clutter import draw_heights
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.rooms.arrange import place_is_free
 from spin_rl.scenes.rooms.geometry import Site
 from spin_rl.scenes.rooms.struct import FamilyStruct

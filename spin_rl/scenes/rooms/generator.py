@@ -8,7 +8,7 @@ moves, and the goal; `place_starts` of `start.py` takes the ways to that goal an
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct, params_struct
+from spin_rl.scenes.corridors.struct import ParamsStruct, params_struct
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout
 from spin_rl.scenes.motion import Track, track_of

@@ -5,7 +5,7 @@
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct, params_struct
+from spin_rl.scenes.corridors.struct import ParamsStruct, params_struct
 from spin_rl.scenes.footprint import pose_is_clear, vec8
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout

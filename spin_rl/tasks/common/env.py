@@ -1,4 +1,8 @@
-"""What all tasks share: one captured graph per control step, seeds, training levels, saving, statistics."""
+"""What all tasks share: one captured graph per control step, seeds, training levels, saving, statistics.
+
+One class, and so one file: the order of what happens in a step and in a reset is its subject. The parts are
+elsewhere: physics, sensors, rewards, observations, statistics, health.
+"""
 
 from __future__ import annotations
 
