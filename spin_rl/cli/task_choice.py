@@ -22,7 +22,7 @@ def with_task(arguments: list[str], key: str = "policy") -> Completed:
         arguments: Of the command line.
         key: What names the policy.
     """
-    given = dict(argument.partition("=")[::2] for argument in arguments)
+    given = {key: value for key, _, value in (argument.partition("=") for argument in arguments)}
     if "task" in given:
         return arguments, None
     benchmark = BENCHMARKS.get(given.get("benchmark", ""))

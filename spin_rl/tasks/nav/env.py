@@ -137,6 +137,7 @@ class NavEnv(CorridorEnv):
         layout, params = self.sim.layout, self._layout_params
         draw = {"seed": self._seed, "counter": self._layout_counter, "mask": mask}
         if self._field is not None:
+            assert isinstance(params, FamilyParams)
             build_scenes(layout, params, **draw)
             self._field.update(layout.goal, mask)
             place_starts(layout, params, self._field.field, **draw)
