@@ -16,7 +16,7 @@ from spin_rl.benchmark.rounds import Announce, Report, check_counts, describe_ta
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES
 from spin_rl.scenes.objects.shapes import OBJECTS
-from spin_rl.tasks.common.object_choice import ANY_OBJECT, object_names
+from spin_rl.tasks.common.objects.choice import ANY_OBJECT, object_names
 from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
 from spin_rl.tasks.fetch.results import FetchEpisodes, record_views

@@ -167,9 +167,8 @@ def with_preset(arguments: list[str], has_gpu: bool, group: str = "preset") -> l
 def scene_file_argument(argument: str) -> str:
     """Turn `scene=<file>` into `scene_file=<file>`: `scene` is also a group, so Hydra would refuse a file."""
     key, _, value = argument.partition("=")
-    if key != "scene" or (CONF_DIR / "scene" / f"{value}.yaml").is_file():
-        return argument
-    return f"scene_file={value}"
+    names_file = value.endswith((".yaml", ".yml")) or ("/" in value and Path(value).is_file())
+    return f"scene_file={value}" if key == "scene" and names_file else argument
 
 
 def make_folder_of(out: Path | None, example: str) -> None:
@@ -203,7 +202,8 @@ def load_scene_file(name: Path | None) -> Scene | None:
     for path in (name, CONF_DIR / "scenes_examples" / name):
         if path.is_file():
             return load_scene(path)
-    raise ConfigError(f"scene: there is no file {name}")
+    examples = sorted(path.name for path in (CONF_DIR / "scenes_examples").glob("*.yaml"))
+    raise ConfigError(f"scene: there is no file {name}; of those shipped, there are {', '.join(examples)}")
 
 
 def is_main_process() -> bool:

@@ -31,6 +31,13 @@ _POSITIVE_NUMBERS = (
 _FRACTIONS = ("gamma", "lam", "imitation_anneal")
 _WEIGHTS = ("task_reward", "imitation_reward", "imitation_loss", "latent_loss")
 
+_MOVED = {
+    "spin_rl.runners.algorithm:PPO": "spin_rl.runners.ppo.algorithm:PPO",
+    "spin_rl.runners.dvo:ImitationPPO": "spin_rl.runners.ppo.dvo:ImitationPPO",
+    "spin_rl.runners.distillation:Distillation": "spin_rl.runners.distillation.algorithm:Distillation",
+}
+"""Where classes are that configurations of older runs name."""
+
 
 def check_config(cfg: Mapping[str, Any], observed: Collection[str], num_envs: int) -> None:
     """Check a runner's configuration against the classes that it names and against the environment.
@@ -140,7 +147,9 @@ def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str
     try:
         named = resolve_callable(cfg["class_name"])
     except (AttributeError, ImportError, ValueError) as error:
-        raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.") from error
+        now = _MOVED.get(cfg["class_name"])
+        moved = "" if now is None else f" It is '{now}' now."
+        raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.{moved}") from error
     is_fit = inspect.isclass(named) and issubclass(named, base)
     _require(is_fit, f"{where}.class_name", f"a {base.__module__}.{base.__name__}", cfg["class_name"])
     assert inspect.isclass(named)

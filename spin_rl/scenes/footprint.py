@@ -36,7 +36,6 @@ NUM_BASE = wp.constant(16)
 """The first discs of the robot's model are the outline of the base."""
 _NUM_LIFT = wp.constant(6)
 _NUM_ARM = wp.constant(6)
-_NUM_GRIPPER = wp.constant(4)
 NUM_DISCS = wp.constant(35)
 """Discs of the robot's model: base outline, mast, head (2), lift body, arm, gripper."""
 

@@ -24,8 +24,8 @@ ENV_ID = "spin_rl/Nav-v0"
 class NavVectorEnv(VectorEnv):
     """Gymnasium's view of `NavEnv`: NumPy arrays in and out, worlds that end are reset in the same step.
 
-    Observations are a dict of the groups in `observations.py`. With same-step autoreset the observation of a
-    step that ended an episode is the first of the next one; rewards, flags and `info["outcome"]` (see
+    Observations are a dict of the groups in `nav/observations.py`. With same-step autoreset the observation
+    of a step that ended an episode is the first of the next one; rewards, flags and `info["outcome"]` (see
     `episode.OUTCOMES`) are those of the step. Unlike gymnasium's own vector environments there is no
     `info["final_obs"]`: the last observation of an episode is overwritten on the device.
     """

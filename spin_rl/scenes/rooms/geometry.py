@@ -9,7 +9,6 @@ from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.params import HALF_SQUARE_M
 from spin_rl.warp_kernels.slots import Slots
 
-MAX_RECTANGLES = wp.constant(6)
 ROBOT_TOP = wp.constant(1.45)
 """What hangs higher than this [m] is not in the robot's way: it is 1.42 m tall."""
 

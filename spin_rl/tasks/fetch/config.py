@@ -19,7 +19,7 @@ CARRY_JOINTS = ("lift", "arm_extension", "wrist_yaw", "wrist_pitch", "wrist_roll
 
 @dataclass(frozen=True)
 class StageLimits:
-    """Longest time in each stage [s], the names of `fetch_state.STAGES`."""
+    """Longest time in each stage [s], the names of `state.STAGES`."""
 
     reach: float = 60.0
     align: float = 30.0

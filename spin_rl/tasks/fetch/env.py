@@ -14,9 +14,9 @@ from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.corridor import CorridorEnv
-from spin_rl.tasks.common.object_choice import ObjectChoice
+from spin_rl.tasks.common.objects.choice import ObjectChoice
+from spin_rl.tasks.common.objects.sight import Sight
 from spin_rl.tasks.common.rules import rules_of
-from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.fetch import stages as fetch_stages
 from spin_rl.tasks.fetch import start as fetch_start
 from spin_rl.tasks.fetch import state as fetch_state
@@ -35,11 +35,11 @@ from spin_rl.warp_kernels.structs import struct_of
 class FetchEnv(ObjectChoice, CorridorEnv):
     """Whole fetches in all worlds at once; what a step does is described in `TaskEnv`.
 
-    Actions count in the stages `reach`, `pick` and `carry` (see `fetch_state.py`), in `carry` those of base,
+    Actions count in the stages `reach`, `pick` and `carry` (see `state.py`), in `carry` those of base,
     head and `cfg.carry_moves` alone; scripts replace all others. `FetchPolicy` makes them of two policies.
 
     Attributes:
-        stage: Stage of every world, index into `fetch_state.STAGES`, a view, shape (num_envs,), int32.
+        stage: Stage of every world, index into `state.STAGES`, a view, shape (num_envs,), int32.
     """
 
     cfg: FetchConfig

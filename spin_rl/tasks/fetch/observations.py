@@ -1,9 +1,9 @@
 """Observation groups of the fetch task: those of navigation and of picking, each policy reads its own.
 
-proprio, goal, scandots, scandots_all, depth   see `observations.py`
-hand, object_start, object, object_at_start, privileged  see `pick_observations.py`
+proprio, goal, scandots, scandots_all, depth   see `nav/observations.py`
+hand, object_start, object, object_at_start, privileged  see `pick/observations.py`
 hand_in_image  likewise, in the pick policy's range of depths
-stage  (num_envs, 1)  index into `fetch_state.STAGES`
+stage  (num_envs, 1)  index into `state.STAGES`
 
 Each policy reads depths in the range that it was trained with: images are scaled for picking in that stage,
 for navigation in all others.

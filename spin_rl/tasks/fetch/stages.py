@@ -3,7 +3,7 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Kernels that lead a fetch from one stage to the next and end it.
 
-Scripts tell by `ready` that their stage is done (`fetch_phases.py`); limits are in `StageLimits`.
+Scripts tell by `ready` that their stage is done (`scripts/phases.py`); limits are in `StageLimits`.
 """
 
 import warp as wp

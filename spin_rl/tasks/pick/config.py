@@ -9,8 +9,8 @@ from spin_rl.sim import SimConfig
 from spin_rl.sim.manipulation import ManipulationConfig
 from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.config import CurriculumConfig, DynamicsConfig, TaskConfig
-from spin_rl.tasks.common.object_choice import ANY_OBJECT, check_object
-from spin_rl.tasks.common.sight import SightConfig, check_detector
+from spin_rl.tasks.common.objects.choice import ANY_OBJECT, check_object
+from spin_rl.tasks.common.objects.sight import SightConfig, check_detector
 from spin_rl.tasks.pick import rewards as pick_rewards
 from spin_rl.tasks.pick.observations import PickNoise
 

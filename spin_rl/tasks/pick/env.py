@@ -9,9 +9,9 @@ from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.generator import generate_tabletops
 from spin_rl.tasks.common.env import TaskEnv, with_camera_at
-from spin_rl.tasks.common.object_choice import ObjectChoice
+from spin_rl.tasks.common.objects.choice import ObjectChoice
+from spin_rl.tasks.common.objects.sight import Sight
 from spin_rl.tasks.common.rules import rules_of
-from spin_rl.tasks.common.sight import Sight
 from spin_rl.tasks.pick import episode as pick_episode
 from spin_rl.tasks.pick import rewards as pick_rewards
 from spin_rl.tasks.pick.config import PickConfig
@@ -23,7 +23,7 @@ from spin_rl.tasks.pick.statistics import PickStatistics
 class PickEnv(ObjectChoice, TaskEnv):
     """Picking in all worlds at once; what a step does is described in `TaskEnv`.
 
-    The observation groups are documented in `pick_observations.py`, the actions in `sim/targets.py`. An
+    The observation groups are documented in `observations.py`, the actions in `sim/targets.py`. An
     episode with a success at any time has the outcome success, however it ends.
     """
 

@@ -4,7 +4,7 @@ import pytest
 import warp as wp
 
 from spin_rl.scenes.objects.shapes import OBJECTS
-from spin_rl.tasks.common.object_choice import ObjectChoice, check_object
+from spin_rl.tasks.common.objects.choice import ObjectChoice, check_object
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from nav_worlds import actions, run
 from spin_rl import robot
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.common.sight import SightConfig
+from spin_rl.tasks.common.objects.sight import SightConfig
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.observations import PICK_GROUPS, PRIVILEGED, PickNoise
 

@@ -3,7 +3,7 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What the robot does by itself in a fetch: scripts between the policies, and a firm grip on the way back.
 
-Phases are in `fetch_phases.py`; here their commands become actions, at limited rates.
+Phases are in `phases.py`; here their commands become actions, at limited rates.
 """
 
 import warp as wp
