@@ -189,10 +189,11 @@ def read_options(call: common.Call) -> Options:
 
 def _check(options: Options, spec: TaskSpec) -> None:
     """Reject options that do not go with the benchmark or with each other."""
-    if options.scene_file is not None and not spec.scene_files:
-        raise ConfigError(f"scene: {options.scene_file} needs {_those(lambda spec: spec.scene_files)}")
+    if options.scene_file is not None and not options.benchmark.scene_files:
+        raise ConfigError(f"scene: {options.scene_file} needs {_those(lambda known: known.scene_files)}")
     if options.pick is not None and "pick" not in spec.policies:
-        raise ConfigError(f"pick: {options.pick} needs {_those(lambda spec: 'pick' in spec.policies)}")
+        takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
+        raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
     if options.analysis is None:
         if options.plot is not None:
             raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
@@ -208,9 +209,9 @@ def _check(options: Options, spec: TaskSpec) -> None:
             raise ConfigError("plot: needs matplotlib: pip install 'spin-rl[plots]'")
 
 
-def _those(fits: Callable[[TaskSpec], bool]) -> str:
-    """Name the benchmarks of tasks that fit."""
-    names = [name for name, benchmark in benchmarks.BENCHMARKS.items() if fits(find_task(benchmark.task))]
+def _those(fits: Callable[[benchmarks.Benchmark], bool]) -> str:
+    """Name the benchmarks that fit."""
+    names = [name for name, benchmark in benchmarks.BENCHMARKS.items() if fits(benchmark)]
     return " or ".join(f"benchmark={name}" for name in names)
 
 

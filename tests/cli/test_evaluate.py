@@ -19,7 +19,7 @@ def run_main(monkeypatch, *arguments):
         ([], "policy"),
         (
             ["policy=zero", "benchmark=dance"],
-            "benchmark: unknown 'dance'; choose from reach, pick, fetch, place",
+            "benchmark: unknown 'dance'; choose from reach, rooms, pick, fetch, place",
         ),
         (["policy=zero", "episodes=0"], "episodes: at least 1"),
         (["policy=zero", "episodes=many"], "episodes: expected a whole number"),
