@@ -61,8 +61,8 @@ def evaluate_reach(
         report: Receives lines of progress.
 
     Returns:
-        `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and the
-        settings under which the rows were measured.
+        `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and
+        the settings under which the rows were measured.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.

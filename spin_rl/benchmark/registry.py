@@ -12,6 +12,7 @@ from spin_rl.benchmark.fetch import evaluate_fetch
 from spin_rl.benchmark.pick import evaluate_pick
 from spin_rl.benchmark.reach import evaluate_reach
 from spin_rl.benchmark.rooms import evaluate_rooms
+from spin_rl.benchmark.scenes import evaluate_scenes
 from spin_rl.benchmark.tables import fetch as fetch_report
 from spin_rl.benchmark.tables import pick as pick_report
 from spin_rl.benchmark.tables import reach as report
@@ -47,6 +48,9 @@ class Benchmark:
 _ALL = (
     Benchmark("reach", "nav", "nav", evaluate_reach, report.table, report.headline, scene_files=True),
     Benchmark("rooms", "nav", "mixture", evaluate_rooms, places.table, places.headline),
+    Benchmark(
+        "scenes", "nav", "nav", evaluate_scenes, places.scenes_table, places.headline, scene_files=True
+    ),
     Benchmark("pick", "pick", "tabletop", evaluate_pick, pick_report.table, pick_report.headline),
     Benchmark("fetch", "fetch", "fetch", evaluate_fetch, fetch_report.table, fetch_report.headline),
     Benchmark(

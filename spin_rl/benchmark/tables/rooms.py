@@ -13,7 +13,7 @@ def table(result: dict[str, Any]) -> str:
 
 
 def scenes_table(result: dict[str, Any]) -> str:
-    """Format a result of `trips.evaluate_trips` for the terminal."""
+    """Format a result of `scenes.evaluate_scenes` for the terminal."""
     return place_table("Scenes", "scene", result)
 
 

@@ -286,20 +286,21 @@ def params_struct(params: GeneratorParams) -> ParamsStruct:
             continue
         value = getattr(params, field.name)
         setattr(struct, field.name, wp.vec2(*value) if isinstance(value, tuple) else value)
-    stowed = [robot.STOWED[joint] for joint in robot.JOINTS]
-    ranges = [
-        [
-            min(max(bound + (0.0 if name in _ABSOLUTE_RANGES else stowed[i]), lower), upper)
-            for bound in getattr(params, name)
-        ]
-        for i, (name, lower, upper) in enumerate(
-            zip(_START_RANGES, robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True)
-        )
-    ]
-    struct.stowed = vec8(*stowed)
-    struct.start_low = vec8(*(low for low, _ in ranges))
-    struct.start_high = vec8(*(high for _, high in ranges))
+    struct.stowed = vec8(*(robot.STOWED[joint] for joint in robot.JOINTS))
+    low, high = start_ranges(params)
+    struct.start_low, struct.start_high = vec8(*low), vec8(*high)
     return struct
+
+
+def start_ranges(params: GeneratorParams) -> tuple[list[float], list[float]]:
+    """Lowest and highest joint positions of a start, absolute and within the limits, `robot.JOINTS` order."""
+    ranges = []
+    for (name, joint), lower, upper in zip(
+        _START_RANGES.items(), robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True
+    ):
+        offset = 0.0 if name in _ABSOLUTE_RANGES else robot.STOWED[joint]
+        ranges.append([min(max(bound + offset, lower), upper) for bound in getattr(params, name)])
+    return [low for low, _ in ranges], [high for _, high in ranges]
 
 
 def _require(condition: bool, message: str) -> None:

@@ -59,8 +59,8 @@ class NavEnv(CorridorEnv):
             num_envs: Number of worlds.
             device: Warp and Torch device.
             seed: Seed of layouts, start poses, dynamics and sensor noise.
-            scene: A fixed scene for every world and episode instead of generated ones; or one for each world,
-                all in one pool: then ways and time limits are as in scene families, see `set_scenes`.
+            scene: A fixed scene for every world and episode instead of generated ones; or several for the
+                worlds in turn: then ways and time limits are as in scene families, see `set_scenes`.
             capture: False launches kernels eagerly.
         """
         fixed = [scene] if isinstance(scene, Scene) else list(scene or ())
@@ -69,7 +69,7 @@ class NavEnv(CorridorEnv):
             num_envs,
             device,
             seed,
-            pool=fixed[0].pool if fixed else _pool(cfg),
+            pool=_pool(cfg, fixed),
             terms=TERMS,
             camera_action=[
                 robot.action_of(joint, at)
@@ -98,7 +98,7 @@ class NavEnv(CorridorEnv):
         self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
 
     def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
-        """Make what says how far the goal is: a field for families and worlds' own scenes, else the corridor."""
+        """Make what says how far the goal is: a distance field, or corridors' shape."""
         layout = self.sim.layout
         self._field = None
         if isinstance(scene, Scene):
@@ -122,7 +122,7 @@ class NavEnv(CorridorEnv):
         )
         self.max_episode_length = most_steps(self._ways, cfg.dynamics.speed_scale[0])
         if scene is not None:
-            self.set_scenes(scene)
+            self.set_scenes([scene[world % len(scene)] for world in range(self.num_envs)])
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
@@ -192,10 +192,10 @@ class NavEnv(CorridorEnv):
         wp.to_torch(self._family_choice).copy_(torch.as_tensor(families, dtype=torch.int32))
 
     def set_scenes(self, scenes: Sequence[Scene]) -> None:
-        """Put a scene into every world of an environment that was made with one for each, from a reset on.
+        """Put a scene into every world of an environment that was made with several, from a reset on.
 
         Args:
-            scenes: One for each world, no larger than those that it was made with.
+            scenes: One for each world, with no more slots and no larger than those that it was made with.
         """
         assert self._field is not None
         self.sim.layout.load_each(scenes)
@@ -223,6 +223,9 @@ class NavEnv(CorridorEnv):
         )
 
 
-def _pool(cfg: NavConfig) -> PoolSpec:
-    """Scene geoms that generated scenes need."""
+def _pool(cfg: NavConfig, fixed: Sequence[Scene]) -> PoolSpec:
+    """Scene geoms that fixed scenes need, or generated ones if there are none."""
+    if fixed:
+        counts = ("num_walls", "num_boxes", "num_cylinders")
+        return PoolSpec(**{name: max(getattr(scene.pool, name) for scene in fixed) for name in counts})
     return cfg.scene.pool if isinstance(cfg.scene, FamilyParams) else PoolSpec()
