@@ -29,7 +29,8 @@ SEARCH_RESOLUTION_M = 0.08
 
 _YAWS = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _ROUNDS = 20
-"""How often twice as many places as are wanted are drawn, before the scene counts as too full."""
+_DRAWN = 500
+"""So many places are drawn so often, before the scene counts as too full."""
 _JOINT_TRIES = 16
 _TRACK_M = 0.6
 """What starts and goals keep from where things move."""
@@ -111,10 +112,10 @@ def _draw_places(scene: Scene, robot_here: _Robot, count: int, rng: np.random.Ge
     low, high = ends.min(axis=0), ends.max(axis=0)
     found = np.zeros((0, 2))
     for _ in range(_ROUNDS):
-        drawn = [place for place in rng.uniform(low, high, (2 * count, 2)) if _is_calm(scene, place)]
-        turning = [place for place in drawn if robot_here.can_turn(place)]
+        drawn = rng.uniform(low, high, (_DRAWN, 2))
+        turning = [place for place in drawn if robot_here.can_turn(place) and _is_calm(scene, place)]
         if turning:
-            places = np.array(turning)
+            places = np.array(turning[: 2 * count])  # asking the planner takes longer than drawing
             found = np.concatenate([found, places[reachable(scene, places, SEARCH_RESOLUTION_M)]])
         if len(found) >= count:
             return found[:count]
