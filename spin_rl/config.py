@@ -13,9 +13,12 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 _NOUNS = {int: "a whole number", float: "a number", bool: "true or false", str: "a name", Path: "a path"}
 
 
@@ -77,7 +80,7 @@ POSITIVE = Range(0.0, above=True)
 
 def from_keys(cls: type[T], values: Mapping[str, Any]) -> T:
     """Build a dataclass from those keys of a larger configuration that it has; see `from_mapping`."""
-    names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
+    names = [f.name for f in dataclasses.fields(cls)]
     return from_mapping(cls, {name: values[name] for name in names if name in values})
 
 
@@ -93,7 +96,7 @@ def from_mapping(cls: type[T], values: Mapping[str, Any], path: str = "") -> T:
         ConfigError: An unknown or missing key, or a value that the field does not take.
     """
     hints = typing.get_type_hints(cls, include_extras=True)
-    fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+    fields = dataclasses.fields(cls)
     names = [f.name for f in fields]
     arguments = {}
     for key, value in values.items():

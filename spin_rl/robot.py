@@ -1,7 +1,8 @@
 """The Stretch RE1 in numbers: joints, actions, limits, speeds, servo constants, stowed pose, camera.
 
-The one typed home of what the rest of the package needs to know about the robot; its shape and masses are
-in ``robots/stretch_re1/stretch_re1.xml``. Sources: ``robots/stretch_re1/README.md``.
+The one typed home of what the rest of the package needs to know about the robot, and so one file, most of it
+tables; its shape and masses are in ``robots/stretch_re1/stretch_re1.xml``. Sources:
+``robots/stretch_re1/README.md``.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def test_files_and_code_have_the_same_defaults():
         ("task.episode_s=.nan", "task.episode_s must exceed one control step"),
         ("task.episode_s=.inf", "task.episode_s must exceed one control step"),
         ("task.goal_tolerance_m=0", "task.goal_tolerance_m must be positive"),
-        ("task.camera_mount=sideways", "task.camera_mount must be portrait or landscape"),
+        ("task.camera_mount=sideways", "task.camera_mount: unknown 'sideways'"),
         ("task.scenario=3", "task.scenario must be 0, 1 or 2"),
         ("task.difficulty=-2", "task.difficulty must be -1, 0, 1 or 2"),
         ("task.scandots.window_m=0", "task.scandots.window_m must be positive"),

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.sim.simulation import Simulation, geom_parts
+from spin_rl.sim.model import geom_parts
+from spin_rl.sim.simulation import Simulation
 
 FLOOR = -1
 """Stands for the floor where a slot is expected."""
@@ -107,7 +108,7 @@ class NearestObstacle:
                 (self._measure(part, geom, slot) for slot in slots for geom in self._part_geoms[part]),
                 key=lambda touch: touch.distance,
             )
-            for part in np.flatnonzero(parts)
+            for part in np.flatnonzero(parts).tolist()
         ]
         return sorted(nearest, key=lambda touch: touch.distance)
 

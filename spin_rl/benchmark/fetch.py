@@ -176,7 +176,7 @@ def summarize_fetches(fetches: Fetches, control_period: float) -> dict[str, Any]
         `retries`, `drops` and `scrapes` [control steps] over all fetches; and `stage_s`, the mean time in
         each stage over successful fetches [s], None without one.
     """
-    failed = np.flatnonzero(~fetches.placed)
+    failed = np.flatnonzero(~fetches.placed).tolist()
     causes = Counter(fetches.cause(row) for row in failed)
     stage_s = fetches.stage_steps * control_period
     part_s = {

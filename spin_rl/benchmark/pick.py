@@ -116,7 +116,7 @@ def run_objects(
         env,
         policy,
         queue,
-        lambda chosen: env.set_objects([kinds[c] for c in chosen]),
+        lambda chosen: env.set_objects([kinds[int(c)] for c in chosen]),
         measure,
         PickEpisodes,
         report=report,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import OmegaConf
 
@@ -56,7 +56,7 @@ def for_policy(
             by_user -= {"depth"}
         if value is not None and not by_user & asked:
             OmegaConf.update(result, key, value, force_add=True)
-    return OmegaConf.to_container(result)  # type: ignore[return-value]
+    return cast(dict[str, Any], OmegaConf.to_container(result))
 
 
 def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             raise ConfigError(f"pick: {key} is {values[1]} there and {values[0]} in the policy that drives")
         if values and values[0] is not None:
             OmegaConf.update(joint, key, values[0], force_add=True)
-    return OmegaConf.to_container(joint)  # type: ignore[return-value]
+    return cast(dict[str, Any], OmegaConf.to_container(joint))
 
 
 def group_of(override: str) -> str:
@@ -130,7 +130,7 @@ def noise_label(noise: Mapping[str, Any]) -> str:
     """
     labels = []
     for file in sorted((CONF_DIR / "depth").glob("*.yaml")):
-        named = OmegaConf.to_container(OmegaConf.load(file))["noise"]  # type: ignore[index,call-overload]
+        named = cast(dict[str, Any], OmegaConf.to_container(OmegaConf.load(file)))["noise"]
         changes = [f"{key}={value}" for key, value in noise.items() if _listed(value) != named[key]]
         labels.append([file.stem, *changes])
     return ", ".join(min(labels, key=len))

@@ -159,7 +159,7 @@ def resolve_device(device: str) -> str:
 
 def with_preset(arguments: list[str], has_gpu: bool, group: str = "preset") -> list[str]:
     """Add `preset=gpu`, or another group's, where the command will run on a GPU and no preset is named."""
-    given = dict(argument.partition("=")[::2] for argument in arguments)
+    given = {key: value for key, _, value in (argument.partition("=") for argument in arguments)}
     on_gpu = given.get("device", "auto") != "cpu" and has_gpu
     return [*arguments, f"{group}=gpu"] if on_gpu and group not in given else arguments
 
@@ -214,8 +214,7 @@ def is_main_process() -> bool:
 @contextlib.contextmanager
 def announced(what: str) -> Iterator[None]:
     """Announce work that may compile kernels, and show that it goes on while it does."""
-    wp.config.quiet = True
-    wp.config.log_level = max(getattr(wp.config, "log_level", 0), 30)
+    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     if not is_main_process():
         yield
         return

@@ -18,12 +18,12 @@ from spin_rl.benchmark.policies import check_task
 from spin_rl.cli import common, run_folder, task_choice
 from spin_rl.config import Choice, ConfigError
 from spin_rl.runners.checkpoint import resolve_checkpoint
-from spin_rl.runners.distillation.algorithm import student_config
 from spin_rl.runners.distillation.runner import DistillRunner, check_distillation
+from spin_rl.runners.distillation.student import student_config
 from spin_rl.runners.interface import Camera
+from spin_rl.runners.model_copy import copy_model
 from spin_rl.runners.policy_file import TrainedPolicy
 from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
-from spin_rl.runners.warm_start import copy_model
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.env import TaskEnv
@@ -132,7 +132,7 @@ def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> d
     check_task("teacher", teacher.name, own, spec.name, spec.name)
     runner = dict(values["runner"])
     runner |= student_config(teacher.metadata, runner.pop("depth_encoder"), runner.pop("further_groups"))
-    check_distillation(runner, dict.fromkeys(spec.groups), options.num_envs)
+    check_distillation(runner, spec.groups, options.num_envs)
     return with_depth(values | {"runner": runner})
 
 

@@ -17,6 +17,7 @@ from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.tasks.common.config import TaskConfig
+from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.registry import TASKS, TaskSpec, find_task
 
 VIEWERS = ("viser", "native", "none")
@@ -188,6 +189,7 @@ class Players:
         scene = common.load_scene_file(options.scene_file)
         if options.world is not None:
             cell = Cell(options.scenario, options.difficulty)
+            assert isinstance(task, NavConfig)  # `read_options` has seen to it
             scene = benchmark_scene(task, cell, options.seed, options.world, options.device)
         fixed = {} if scene is None else {"scene": in_usual_pool(scene)}
         return self._spec.make_env(task, worlds, options.device, options.seed, **fixed)

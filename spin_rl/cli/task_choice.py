@@ -24,7 +24,7 @@ def with_task(arguments: list[str], key: str = "policy") -> Completed:
         arguments: Of the command line.
         key: What names the policy.
     """
-    given = dict(argument.partition("=")[::2] for argument in arguments)
+    given = {key: value for key, _, value in (argument.partition("=") for argument in arguments)}
     benchmark = BENCHMARKS.get(given.get("benchmark", ""))
     if benchmark is not None and benchmark.scene != find(None, benchmark.task).scene and "scene" not in given:
         arguments = [*arguments, f"scene={benchmark.scene}"]

@@ -96,7 +96,7 @@ def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> tuple[O
     options = run_folder.read_options(Options, values, overrides)
     start = _open_sources(options, values)
     groups = find_task(values["task"]["name"]).groups
-    check_config(values["runner"], dict.fromkeys(groups), options.num_envs)
+    check_config(values["runner"], groups, options.num_envs)
     return options, start
 
 

@@ -150,7 +150,8 @@ class CameraKinematics:
         Raises:
             ValueError: A joint is unknown, missing or not a number.
         """
-        limits = dict(zip(robot.JOINTS, zip(robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True), strict=True))
+        ranges = zip(robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True)
+        limits: dict[str, tuple[float, float]] = dict(zip(robot.JOINTS, ranges, strict=True))
         clipped = {
             name: float(np.clip(value, *limits.get(name, (-math.inf, math.inf))))
             for name, value in joints.items()

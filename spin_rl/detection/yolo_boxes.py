@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 _GREY = 114.0 / 255.0  # what these networks are trained to see beside the image
 
@@ -46,8 +47,9 @@ def letterbox(image: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, Let
     height, width = max(round(rows * scale), 1), max(round(columns * scale), 1)
     top, left = (size[0] - height) // 2, (size[1] - width) // 2
     tensor = np.full((1, 3, *size), _GREY, dtype=np.float32)
-    resized = _resize(image, height, width) * np.float32(1.0 / 255.0)
-    tensor[0, :, top : top + height, left : left + width] = resized.transpose(2, 0, 1)
+    planes = torch.from_numpy(np.array(image.transpose(2, 0, 1), dtype=np.float32, order="C"))
+    resized = torch.nn.functional.interpolate(planes[None], (height, width), mode="bilinear")
+    tensor[0, :, top : top + height, left : left + width] = resized[0].numpy() * np.float32(1.0 / 255.0)
     return tensor, Letterbox((rows, columns), scale, (top, left))
 
 
@@ -105,18 +107,3 @@ def suppress(boxes: np.ndarray, scores: np.ndarray, labels: np.ndarray, max_over
         overlap = common / np.maximum(area[left] + area[best] - common, 1e-9)
         left = left[(labels[left] != labels[best]) | (overlap <= max_overlap)]
     return kept
-
-
-def _resize(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Resize by linear interpolation between the centres of pixels, shape (height, width, 3), float32."""
-    for axis, size in ((0, height), (1, width)):
-        old = image.shape[axis]
-        if old == size:
-            continue
-        at = np.clip((np.arange(size) + 0.5) * (old / size) - 0.5, 0.0, old - 1.0)
-        low = at.astype(int)
-        weight = (at - low).astype(np.float32).reshape([-1 if i == axis else 1 for i in range(3)])
-        first = image.take(low, axis).astype(np.float32)
-        second = image.take(np.minimum(low + 1, old - 1), axis).astype(np.float32)
-        image = first + weight * (second - first)
-    return image.astype(np.float32)

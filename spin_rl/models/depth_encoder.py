@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import nn
@@ -112,6 +112,10 @@ class DepthEncoder(nn.Module):
         self.mlp = token_mlp(num_inputs, cfg.hidden, latent, "relu")
         self.shortcut = nn.Linear(num_flat, latent) if cfg.shortcut else None
 
+    @property
+    def _dtype(self) -> torch.dtype:
+        return cast(nn.Linear, self.mlp[0]).weight.dtype
+
     def forward(
         self, images: torch.Tensor, flat: torch.Tensor | None = None, hand: torch.Tensor | None = None
     ) -> torch.Tensor:
@@ -124,7 +128,7 @@ class DepthEncoder(nn.Module):
         """
         batch = images.shape[:-1]
         rows, columns = self.cfg.image
-        pixels = images.reshape(-1, rows, columns, 1).to(self.mlp[0].weight.dtype) / 255.0  # type: ignore
+        pixels = images.reshape(-1, rows, columns, 1).to(self._dtype) / 255.0
         # Strides of channels-last memory, for which convolutions learn faster on the CPU.
         pixels = pixels.permute(0, 3, 1, 2)
         features = self.convolutions(pixels).flatten(1)

@@ -62,11 +62,13 @@ class PerActionGaussian(GaussianDistribution):
     @property
     def entropy(self) -> torch.Tensor:
         """Return the entropy of the used actions, shape (...)."""
-        return self._distribution.entropy()[..., : self.num_used].sum(dim=-1)  # type: ignore
+        normal: Any = self._distribution
+        return normal.entropy()[..., : self.num_used].sum(dim=-1)
 
     def log_prob(self, outputs: torch.Tensor) -> torch.Tensor:
         """Return the log probability of the used ones among actions (..., output_dim), shape (...)."""
-        return self._distribution.log_prob(outputs)[..., : self.num_used].sum(dim=-1)  # type: ignore
+        normal: Any = self._distribution
+        return normal.log_prob(outputs)[..., : self.num_used].sum(dim=-1)
 
     def kl_divergence(
         self, old_params: tuple[torch.Tensor, ...], new_params: tuple[torch.Tensor, ...]

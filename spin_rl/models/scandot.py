@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import torch
 from rsl_rl.models import MLPModel
@@ -76,16 +76,15 @@ class ScandotModel(MLPModel):
             distribution_cfg,
         )
         if not hidden_dims:
-            num_outputs = self.mlp[-1].out_features
-            self.mlp = token_mlp(self._get_latent_dim(), (), num_outputs, activation)  # type: ignore
+            num_outputs = cast(nn.Linear, self.mlp[-1]).out_features
+            self.mlp = token_mlp(self._get_latent_dim(), (), num_outputs, activation)
         encoders: dict[str, nn.Module] = {}
         for group in filter(is_encoded, groups):
             size = obs[group].shape[-1]
             if is_depth(group):
-                encoders[group] = make_depth_encoder(
-                    depth_encoder or {}, group, size, scandot_latent, self.obs_dim
-                )
-                if encoders[group].cfg.hand_window and HAND_IN_IMAGE not in groups:  # type: ignore
+                made = make_depth_encoder(depth_encoder or {}, group, size, scandot_latent, self.obs_dim)
+                encoders[group] = made
+                if made.cfg.hand_window and HAND_IN_IMAGE not in groups:
                     raise ValueError(
                         f"depth_encoder.hand_window needs the observation group {HAND_IN_IMAGE}."
                     )
@@ -97,7 +96,7 @@ class ScandotModel(MLPModel):
     def blocks(self) -> dict[str, slice]:
         """Columns of each group, normalized or encoded, in what `encode` returns."""
         sizes: dict[str, int] = {**self.flat_dims}
-        sizes |= {group: encoder.latent for group, encoder in self.encoders.items()}  # type: ignore
+        sizes |= {group: cast(int, encoder.latent) for group, encoder in self.encoders.items()}
         ends = itertools.accumulate(sizes.values())
         return {group: slice(end - size, end) for (group, size), end in zip(sizes.items(), ends, strict=True)}
 
@@ -123,7 +122,7 @@ class ScandotModel(MLPModel):
             Outputs of shape (..., output_dim) or, of padded episodes, as if they had not been cut.
         """
         if masks is not None and not self.is_recurrent:
-            obs = unpad_trajectories(obs, masks)  # type: ignore
+            obs = unpad_trajectories(obs, masks)
         output = self.decode(self.encode(obs), masks, hidden_state, resets)
         if self.distribution is None:
             return output
@@ -142,6 +141,10 @@ class ScandotModel(MLPModel):
             for group, encoder in self.encoders.items()
         ]
         return torch.cat([flat, *latents], dim=-1)
+
+    def get_hidden_state(self) -> LSTMState | None:
+        """Return the memory; None without one, or before the first step."""
+        return None
 
     def decode(
         self,
@@ -252,8 +255,8 @@ class ScandotRecurrentModel(ScandotModel):
         if hidden_state is not None:
             self.lstm.state = hidden_state
 
-    def get_hidden_state(self) -> LSTMState | None:  # type: ignore
-        """Return the LSTM's state, None before the first step."""
+    def get_hidden_state(self) -> LSTMState | None:
+        """Return the LSTM's state; None before the first step."""
         return self.lstm.state
 
     def detach_hidden_state(self, dones: torch.Tensor | None = None) -> None:
@@ -271,7 +274,7 @@ class ScandotRecurrentModel(ScandotModel):
         out = self._remember(x, masks, hidden_state, resets)
         if not self.skip:
             return out
-        return torch.cat([x if masks is None else unpad_trajectories(x, masks), out], dim=-1)  # type: ignore
+        return torch.cat([x if masks is None else unpad_trajectories(x, masks), out], dim=-1)
 
     def _remember(
         self,
@@ -285,7 +288,7 @@ class ScandotRecurrentModel(ScandotModel):
         if hidden_state is None:
             raise ValueError("Sequences need the hidden state before their first step.")
         if masks is not None:
-            return unpad_trajectories(self.lstm.rnn(x, hidden_state)[0], masks)  # type: ignore
+            return unpad_trajectories(self.lstm.rnn(x, hidden_state)[0], masks)
         if resets is None:
             raise ValueError("Sequences need the steps at which an episode starts.")
         return self.lstm.sequence(x, hidden_state, resets)

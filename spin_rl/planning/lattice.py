@@ -11,21 +11,16 @@ Needs the `planner` extra (SciPy).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
-import mujoco
 import numpy as np
 
-from spin_rl import robot
+from spin_rl.planning.collision import blocked_poses, extent
 from spin_rl.scenes.layout import Scene
 
 LIFT_HEIGHTS_M = (0.35, 0.6, 0.9)
 """Lift positions that a path may choose from."""
 
 RESOLUTION_M = 0.04
-MARGIN_M = 0.01
-"""Distance that is kept from everything, which covers the way between lattice points."""
-
 GOAL_TOLERANCE_M = 0.15
 
 # Headings that go through lattice points, one quadrant: (0, 14.0, 26.6, 45, 63.4, 76.0) degrees.
@@ -50,34 +45,6 @@ class Path:
     lift: float
 
 
-@lru_cache(maxsize=16)
-def robot_columns(lift: float) -> np.ndarray:
-    """Bounding boxes of the stowed robot's collision geoms in the base frame.
-
-    Args:
-        lift: Lift position [m].
-
-    Returns:
-        Low and high corners [m], shape (ngeom, 2, 3).
-    """
-    model = robot.load_spec().compile()
-    data = mujoco.MjData(model)
-    data.qpos[:] = robot.qpos_from_joints(model, {**robot.STOWED, "lift": lift})
-    mujoco.mj_forward(model, data)
-    columns = []
-    for geom in np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0)):
-        rotation = np.abs(data.geom_xmat[geom].reshape(3, 3))
-        size = model.geom_size[geom]
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE:
-            half = rotation[:, 2] * size[1] + size[0]
-            centre = data.geom_xpos[geom]
-        else:
-            half = rotation @ model.geom_aabb[geom, 3:]
-            centre = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ model.geom_aabb[geom, :3]
-        columns.append((centre - half, centre + half))
-    return np.array(columns)
-
-
 def find_path(scene: Scene) -> Path | None:
     """Search for a way from the start to within `GOAL_TOLERANCE_M` of the goal.
 
@@ -89,7 +56,7 @@ def find_path(scene: Scene) -> Path | None:
     """
     grid = _Grid.around(scene, RESOLUTION_M)
     for lift in LIFT_HEIGHTS_M:
-        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene.start[2])
+        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, HEADINGS_RAD, lift), scene.start[2])
         node = None if tree is None else tree.first_at(grid, scene.goal)
         if tree is not None and node is not None:
             return Path(poses=tree.way_to(grid, node), lift=lift)
@@ -110,105 +77,12 @@ def reachable(scene: Scene, places: np.ndarray, resolution: float = RESOLUTION_M
     grid = _Grid.around(scene, resolution)
     found = np.zeros(len(places), dtype=bool)
     for lift in LIFT_HEIGHTS_M:
-        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, lift), scene.start[2])
+        tree = _explore(grid, ~blocked_poses(scene, grid.x, grid.y, HEADINGS_RAD, lift), scene.start[2])
         if tree is not None:
             found |= np.array([tree.first_at(grid, place) is not None for place in places])
         if found.all():
             break
     return found
-
-
-def blocked_poses(scene: Scene, x: np.ndarray, y: np.ndarray, lift: float) -> np.ndarray:
-    """Which base poses of a lattice touch something, the arm stowed.
-
-    Args:
-        scene: The world.
-        x: Positions along x [m], ascending, shape (nx,).
-        y: Positions along y [m], ascending, shape (ny,).
-        lift: Lift position [m].
-
-    Returns:
-        Shape (24, ny, nx), bool, in the order of `HEADINGS_RAD`.
-    """
-    columns = robot_columns(lift)
-    blocked = np.zeros((len(HEADINGS_RAD), len(y), len(x)), dtype=bool)
-    for slot in np.flatnonzero(scene.active):
-        centre, half = scene.pos[slot], scene.half_size[slot] + MARGIN_M
-        extent = _extent(half, scene.yaw[slot])
-        is_cylinder = bool(scene.is_cylinder[slot])
-        hit = (columns[:, 1, 2] > centre[2] - half[2]) & (columns[:, 0, 2] < centre[2] + half[2])
-        for low, high in _outermost(columns[hit]):
-            part_half, part_centre = 0.5 * (high - low)[:2], 0.5 * (high + low)[:2]
-            for heading, yaw in enumerate(HEADINGS_RAD):
-                # Where the base is when this part of it is over the slot.
-                c, s = np.cos(yaw), np.sin(yaw)
-                middle = centre[:2] - (
-                    c * part_centre[0] - s * part_centre[1],
-                    s * part_centre[0] + c * part_centre[1],
-                )
-                reach = extent + _extent(part_half, yaw)
-                ix = slice(*np.searchsorted(x, (middle[0] - reach[0], middle[0] + reach[0])))
-                iy = slice(*np.searchsorted(y, (middle[1] - reach[1], middle[1] + reach[1])))
-                if ix.start == ix.stop or iy.start == iy.stop:
-                    continue
-                blocked[heading, iy, ix] |= _overlaps(
-                    x[None, ix],
-                    y[iy, None],
-                    yaw,
-                    part_centre,
-                    part_half,
-                    centre,
-                    scene.yaw[slot],
-                    half,
-                    is_cylinder,
-                )
-    return blocked
-
-
-def _outermost(columns: np.ndarray) -> np.ndarray:
-    """The columns that, seen from above, do not lie inside another one."""
-    low, high = columns[:, 0, :2], columns[:, 1, :2]
-    inside = ((low[:, None] >= low) & (high[:, None] <= high)).all(axis=2)
-    np.fill_diagonal(inside, False)
-    inside &= ~np.triu(inside & inside.T)  # of equal ones the first stays
-    return columns[~inside.any(axis=1)]
-
-
-def _extent(half_size: np.ndarray, yaw: float) -> np.ndarray:
-    """Half extents along the world's x and y of a turned box."""
-    c, s = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
-    return np.array([half_size[0] * c + half_size[1] * s, half_size[0] * s + half_size[1] * c])
-
-
-def _overlaps(
-    x: np.ndarray,
-    y: np.ndarray,
-    yaw: float,
-    part_centre: np.ndarray,
-    part_half: np.ndarray,
-    centre: np.ndarray,
-    slot_yaw: float,
-    half: np.ndarray,
-    is_cylinder: bool,
-) -> np.ndarray:
-    """Whether a rectangle on the robot overlaps a slot seen from above, for base positions (x, y)."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    dx = x + (c * part_centre[0] - s * part_centre[1] - centre[0])
-    dy = y + (s * part_centre[0] + c * part_centre[1] - centre[1])
-    along, across = c * dx + s * dy, c * dy - s * dx
-    if is_cylinder:
-        outside_x = np.maximum(np.abs(along) - part_half[0], 0.0)
-        outside_y = np.maximum(np.abs(across) - part_half[1], 0.0)
-        return outside_x**2 + outside_y**2 < half[0] ** 2
-    # Separating axes: two of the rectangle, two of the box.
-    ct, st = np.abs(np.cos(yaw - slot_yaw)), np.abs(np.sin(yaw - slot_yaw))
-    hit = (np.abs(along) < part_half[0] + half[0] * ct + half[1] * st) & (
-        np.abs(across) < part_half[1] + half[0] * st + half[1] * ct
-    )
-    cs, ss = np.cos(slot_yaw), np.sin(slot_yaw)
-    hit &= np.abs(cs * dx + ss * dy) < half[0] + part_half[0] * ct + part_half[1] * st
-    hit &= np.abs(cs * dy - ss * dx) < half[1] + part_half[0] * st + part_half[1] * ct
-    return hit
 
 
 @dataclass(frozen=True)
@@ -224,7 +98,7 @@ class _Grid:
         """A lattice over the scene's slots, start and goal."""
         corners = [scene.start[:2], scene.goal]
         for slot in np.flatnonzero(scene.active):
-            reach = _extent(scene.half_size[slot], scene.yaw[slot])
+            reach = extent(scene.half_size[slot], scene.yaw[slot])
             corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
         before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / resolution).astype(int)
         after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / resolution).astype(int)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from rsl_rl.modules.distribution import Distribution
 from rsl_rl.utils import resolve_callable
-from tensordict import TensorDict
 
 from spin_rl.config import from_mapping
 from spin_rl.models import DepthEncoderConfig, ScandotModel
@@ -33,18 +32,18 @@ _FRACTIONS = ("gamma", "lam", "imitation_anneal")
 _WEIGHTS = ("task_reward", "imitation_reward", "imitation_loss", "latent_loss")
 
 
-def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None:
+def check_config(cfg: Mapping[str, Any], observed: Collection[str], num_envs: int) -> None:
     """Check a runner's configuration against the classes that it names and against the environment.
 
     Args:
         cfg: Configuration of `PPORunner`.
-        obs: Observations of the environment.
+        observed: Names of the environment's observation groups.
         num_envs: Number of environments.
 
     Raises:
         ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
     """
-    check_loop(cfg, obs, ("actor", "critic"))
+    check_loop(cfg, observed, ("actor", "critic"))
     distribution = cfg["actor"].get("distribution_cfg")
     _require(
         distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution
@@ -58,13 +57,13 @@ def check_config(cfg: Mapping[str, Any], obs: TensorDict, num_envs: int) -> None
 
 
 def check_loop(
-    cfg: Mapping[str, Any], obs: TensorDict, models: tuple[str, ...], sections: tuple[str, ...] = ()
+    cfg: Mapping[str, Any], observed: Collection[str], models: tuple[str, ...], sections: tuple[str, ...] = ()
 ) -> None:
     """Check what the configurations of all runners have in common.
 
     Args:
         cfg: Configuration of the runner.
-        obs: Observations of the environment.
+        observed: Names of the environment's observation groups.
         models: Sections that describe models.
         sections: Further sections that there may be.
 
@@ -80,7 +79,7 @@ def check_loop(
         minutes is None or _is_positive(minutes), "runner.save_minutes", "a positive number or none", minutes
     )
     _require(isinstance(cfg.get("seed", 0), int), "runner.seed", "an integer", cfg.get("seed"))
-    _check_groups(cfg["obs_groups"], obs, models)
+    _check_groups(cfg["obs_groups"], observed, models)
     for name in models:
         check_class(cfg[name], ScandotModel, name, MODEL_ARGUMENTS)
         from_mapping(DepthEncoderConfig, cfg[name].get("depth_encoder") or {}, "depth_encoder")
@@ -117,12 +116,12 @@ def check_learning(cfg: Mapping[str, Any], schedules: tuple[str, ...], num_envs:
     )
 
 
-def _check_groups(groups: Mapping[str, Any], obs: TensorDict, models: tuple[str, ...]) -> None:
+def _check_groups(groups: Mapping[str, Any], observed: Collection[str], models: tuple[str, ...]) -> None:
     _check_keys(groups, set(models), set(models), "obs_groups")
     for name, members in groups.items():
         _require(bool(members), f"obs_groups.{name}", "a list of observation groups", members)
         for group in members:
-            _require(group in obs, f"obs_groups.{name}", f"of {', '.join(map(str, obs.keys()))}", group)
+            _require(group in observed, f"obs_groups.{name}", f"of {', '.join(observed)}", group)
 
 
 def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str, ...]) -> None:
@@ -144,7 +143,8 @@ def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str
         raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.") from error
     is_fit = inspect.isclass(named) and issubclass(named, base)
     _require(is_fit, f"{where}.class_name", f"a {base.__module__}.{base.__name__}", cfg["class_name"])
-    _check_keys(cfg, (_arguments(named) - set(given)) | {"class_name"}, set(), where)  # type: ignore
+    assert inspect.isclass(named)
+    _check_keys(cfg, (_arguments(named) - set(given)) | {"class_name"}, set(), where)
 
 
 def _arguments(named: type) -> set[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import distributed
@@ -39,7 +39,8 @@ class Processes:
                 "nccl" if on_gpu else "gloo", rank=self.rank, world_size=self.world_size
             )
             self.joined = True
-        self._host_group = distributed.new_group(backend="gloo")
+        # An int only stands for a group without this process; this one has all processes.
+        self._host_group = cast(distributed.ProcessGroup, distributed.new_group(backend="gloo"))
 
     @property
     def parallel(self) -> bool:

@@ -1,4 +1,8 @@
-"""The training loop of all algorithms: it shows progress, stops, saves and resumes cleanly."""
+"""The training loop of all algorithms: it shows progress, stops, saves and resumes cleanly.
+
+One class, and so one file: each of its parts reads and writes the state of the run. What can do without that
+state is elsewhere: checkpoints, progress, signals and limits, processes.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,10 @@ import math
 import time
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
+from rsl_rl.env import VecEnv
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
@@ -72,10 +77,11 @@ class TrainingLoop(OnPolicyRunner):
         self._obs_dims = {name: value.shape[-1] for name, value in obs.items()}
         self.processes = Processes(device)
         torch.manual_seed(cfg.get("seed", 0) + self.processes.rank)
-        super().__init__(env, copy.deepcopy(cfg), None, device)  # type: ignore
+        # rsl_rl's `VecEnv` asks for more than rsl_rl uses.
+        super().__init__(cast(VecEnv, env), copy.deepcopy(cfg), None, device)
         if self.processes.parallel:
             self.alg.broadcast_parameters()
-        self.env: TrainingEnv = env  # type: ignore
+        self.env: TrainingEnv = env
         self.run_dir = run_dir
         self.config_text = json.dumps({"runner": cfg, "run": snapshot}, default=_class_name, sort_keys=True)
         self.env_steps = self._env_steps_before = 0
@@ -254,7 +260,7 @@ class TrainingLoop(OnPolicyRunner):
         memory: list[tuple[torch.Tensor, ...] | None] = [None] * len(alg.models)
         if getattr(self.env, "restores_episodes", False):
             states = [model.get_hidden_state() for model in alg.models]
-            memory = [state and tuple(part.cpu() for part in state) for state in states]  # type: ignore
+            memory = [state and tuple(part.cpu() for part in state) for state in states]
         own = {
             "env": to_cpu(self.env.state_dict()),
             "rng_cpu": torch.get_rng_state(),

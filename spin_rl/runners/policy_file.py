@@ -43,7 +43,7 @@ def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None
     if path.suffix != ".safetensors":
         raise ValueError(f"A policy file is named <name>.safetensors, not {path.name}.")
     policy = read_policy(checkpoint)
-    metadata = policy.metadata | {"facts": facts or {}}
+    metadata = {**policy.metadata, "facts": facts or {}}
     weights = {key: tensor.contiguous() for key, tensor in policy.weights.items()}
     data = save(weights, {_KEY: json.dumps(metadata)})
     write_atomically(path, lambda file: file.write(data))

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (to a type checker, a Warp struct is an object, not a class, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Scene geoms in MuJoCo: the fixed pool of the batched model, and ordinary models of one world."""
 
 import math

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (to a type checker, a Warp struct is an object, not a class, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportCallIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Obstacles that move: some come out of their wall when the robot is near, some slide to and fro.
 
 Generators draw which do, and how (`corridors/motion.py`); here they move.

@@ -191,7 +191,7 @@ def _check_free(scene: Scene) -> None:
     """Reject a start at which the robot touches something, and a goal inside something that stands there."""
     model = native_model(scene)
     data = mujoco.MjData(model)
-    joints = dict(zip(robot.JOINTS, scene.start_joints.tolist(), strict=True))
+    joints: dict[str, float] = dict(zip(robot.JOINTS, scene.start_joints.tolist(), strict=True))
     data.qpos[:] = robot.qpos_from_joints(model, joints)
     data.qpos[:3] = scene.start
     mujoco.mj_forward(model, data)

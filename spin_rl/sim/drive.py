@@ -1,3 +1,5 @@
+# pyright: reportInvalidTypeForm=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """From targets to servo set-points: the robot's own low-level controller, run before every substep.
 
 Joints follow their targets as first-order systems with a speed limit, which is exact at the simulator's

@@ -1,3 +1,5 @@
+# pyright: reportInvalidTypeForm=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """The robot's state at the start of an episode."""
 
 import warp as wp

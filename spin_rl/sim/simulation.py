@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import mujoco_warp as mjw
 import torch
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.builder import add_pool, geoms_of, write_geoms
+from spin_rl.scenes.builder import geoms_of, write_geoms
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.motion import move_slots, restart_motion
 from spin_rl.scenes.objects.model import MODEL_FIELDS
-from spin_rl.scenes.objects.shapes import add_object
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.config import SimConfig
 from spin_rl.sim.manipulation import GraspForces, Manipulation, ManipulationConfig, ObjectState
+from spin_rl.sim.model import compile_model, geom_parts
 from spin_rl.sim.nearby import Nearby
 from spin_rl.sim.reset import set_start_state
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, IncrementConfig, make_increments, set_targets
@@ -125,7 +124,7 @@ class Simulation:
         self.device = device
         self.config = config
         self.layout = Layout(nworld, pool, device, config.nearby)
-        self.mj_model = _compile(pool, config, with_object=manipulation is not None)
+        self.mj_model = compile_model(pool, config, with_object=manipulation is not None)
         with wp.ScopedDevice(device):
             fields = _SCENE_FIELDS if manipulation is None else sorted({*_SCENE_FIELDS, *MODEL_FIELDS})
             self.model = mjw.put_model(self.mj_model, batch_sizes=dict.fromkeys(fields, nworld))
@@ -290,27 +289,3 @@ class Simulation:
         mjw.kinematics(self.model, self.data)
         if self.nearby is not None:
             self.nearby.update()
-
-
-def geom_parts(model: mujoco.MjModel) -> list[int]:
-    """Return the index into `robot.PARTS` of every geom, -1 where it is no collision geom of the robot."""
-    parts = []
-    for geom in range(model.ngeom):
-        collides = model.geom_bodyid[geom] > 0 and (model.geom_contype[geom] or model.geom_conaffinity[geom])
-        name = model.geom(geom).name.rstrip("0123456789").rstrip("_")
-        parts.append(robot.PARTS.index(name) if collides and name in robot.PARTS else -1)
-    return parts
-
-
-def _compile(pool: PoolSpec, config: SimConfig, *, with_object: bool) -> mujoco.MjModel:
-    """Compile the robot, the grasping one if there is an object, and an empty pool of scene geoms."""
-    spec = robot.load_grasp_spec() if with_object else robot.load_spec()
-    add_pool(spec, pool, config.nearby)
-    if with_object:
-        add_object(spec)
-    spec.option.timestep = config.timestep
-    spec.option.iterations = config.iterations
-    spec.option.ls_iterations = config.ls_iterations
-    if config.impratio is not None:
-        spec.option.impratio = config.impratio
-    return spec.compile()

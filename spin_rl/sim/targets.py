@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """From actions to what the low-level controller follows: joint targets and base speeds, once a control step.
 
 Navigation commands joint positions, manipulation small moves of the targets, so that a grasp is held by

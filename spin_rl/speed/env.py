@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import mujoco
 import mujoco_warp as mjw
@@ -201,7 +201,7 @@ def measure_images(with_images: RandomDriver, without: RandomDriver, seconds: fl
 
 def sweep(
     make_env: Callable[[int], NavEnv],
-    counts: list[int],
+    counts: Sequence[int],
     device: str,
     seconds: float,
     seed: int,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from typing import Any, cast
 
 import mujoco
 import torch
@@ -47,7 +48,7 @@ class ScriptedGrasps:
             device: Warp device.
         """
         values = OmegaConf.to_container(OmegaConf.load(CONF_DIR / "sim" / "grasp.yaml"))
-        self.config = from_mapping(SimConfig, values, "sim")  # type: ignore[arg-type]
+        self.config = from_mapping(SimConfig, cast(dict[str, Any], values), "sim")
         profile = robot.SPEED_PROFILES["paper"]
         self.sim = Simulation(
             nworld, PoolSpec(), profile, self.config, device, manipulation=ManipulationConfig()

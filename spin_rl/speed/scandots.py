@@ -60,10 +60,10 @@ class VisibilityWorlds:
 
     def host(self, count: int) -> HostWorlds:
         """The first worlds as arrays for the peers."""
-        arrays = (getattr(self.layout, name).numpy()[:count] for name in ("pos", "yaw", "half_size"))
+        pos, yaw, half = (getattr(self.layout, name).numpy()[:count] for name in ("pos", "yaw", "half_size"))
         scandots = self._cfg.scandots
         poses = (self.base[:count], self.cam_pos[:count], self.cam_mat[:count])
-        return HostWorlds(*arrays, *poses, self.tan_half_fov, scandots.window_m, scandots.near_m)
+        return HostWorlds(pos, yaw, half, *poses, self.tan_half_fov, scandots.window_m, scandots.near_m)
 
 
 def obstacle_worlds(nworld: int, cfg: NavConfig, device: str, seed: int) -> VisibilityWorlds:
@@ -147,7 +147,7 @@ def measure_visibility(
     ]
 
 
-def camera_frames(pan: np.ndarray, tilt: np.ndarray, mount: str) -> np.ndarray:
+def camera_frames(pan: np.ndarray, tilt: np.ndarray, mount: robot.CameraMount) -> np.ndarray:
     """Camera-to-world rotations (x image right, y image down, z forward) of level cameras that pan and tilt.
 
     Args:

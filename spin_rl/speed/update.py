@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from spin_rl.models import ScandotModel
+from spin_rl.models import ScandotModel, ScandotRecurrentModel
 from spin_rl.runners.ppo.algorithm import PPO
 from spin_rl.runners.ppo.runner import PPORunner
 from spin_rl.speed.env import RandomDriver
@@ -108,7 +108,8 @@ def _parts(algorithm: PPO) -> dict[str, Callable[[], object]]:
 
     def memory() -> None:
         state = batch.states[0]
-        actor.lstm.sequence(encoded.requires_grad_(), state, batch.resets).sum().backward()  # type: ignore
+        assert isinstance(actor, ScandotRecurrentModel) and state is not None
+        actor.lstm.sequence(encoded.requires_grad_(), state, batch.resets).sum().backward()
 
     parts: dict[str, Callable[[], object]] = {
         "gathering the minibatch": lambda: algorithm.storage._select(index, algorithm.storage.dones),

@@ -49,7 +49,8 @@ def show(player: Player) -> None:
                 due = time.monotonic() + period
                 pose(model, data, snapshot)
                 with window.lock():
-                    draw_scandots(window.user_scn, snapshot)
+                    if window.user_scn is not None:  # the window has been closed
+                        draw_scandots(window.user_scn, snapshot)
                 window.sync()
                 if not window.is_running():
                     return

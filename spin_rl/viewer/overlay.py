@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from PIL import Image, ImageDraw
 
@@ -11,6 +13,8 @@ from spin_rl.viewer.snapshot import Scandots
 from spin_rl.viewer.stage import DepthCamera
 
 FRUSTUM_LENGTH_M = 1.0
+FRUSTUM_SIDES = np.array([(0, 1 + i, 1 + (i + 1) % 4) for i in range(4)])
+"""Triangles of apex and corners; from wherever one looks, they cover all of the pyramid."""
 _SCALE = 2  # drawn larger and shrunk: Pillow's lines have no smooth edges
 
 
@@ -28,8 +32,14 @@ class Canvas:
         if alpha == 255:
             self._draw.polygon([tuple(p) for p in points * _SCALE], fill=(*colour, alpha))
             return
+        self.polygons([points], colour, alpha)
+
+    def polygons(self, shapes: Iterable[np.ndarray], colour: style.Rgb, alpha: int) -> None:
+        """Fill what polygons cover together, each with corners of shape (n, 2)."""
         layer = Image.new("RGBA", self._image.size, (0, 0, 0, 0))
-        ImageDraw.Draw(layer).polygon([tuple(p) for p in points * _SCALE], fill=(*colour, alpha))
+        draw = ImageDraw.Draw(layer)
+        for points in shapes:
+            draw.polygon([tuple(p) for p in points * _SCALE], fill=(*colour, alpha))
         self._image.alpha_composite(layer)
 
     def line(self, points: np.ndarray, colour: style.Rgb, width: float = 1.5, alpha: int = 255) -> None:
@@ -87,8 +97,8 @@ def _draw_frustum(canvas: Canvas, view: PinholeCamera, frustum: np.ndarray) -> N
     apex, corners = frustum[0], frustum[1:]
     pixels, depth = view.project(frustum)
     if (depth > 0.0).all():
-        for i in range(4):
-            canvas.polygon(pixels[[0, 1 + i, 1 + (i + 1) % 4]], style.FRUSTUM, alpha=22)
+        for side in FRUSTUM_SIDES:
+            canvas.polygon(pixels[side], style.FRUSTUM, alpha=22)
     for i in range(4):
         for start, end in ((apex, corners[i]), (corners[i], corners[(i + 1) % 4])):
             segment = view.project_segment(start, end)

@@ -7,7 +7,7 @@ from PIL import Image
 
 from spin_rl.scenes.layout import Scene
 from spin_rl.viewer import style
-from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M, Canvas
+from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M, FRUSTUM_SIDES, Canvas
 from spin_rl.viewer.snapshot import Snapshot
 from spin_rl.viewer.stage import Stage
 
@@ -65,7 +65,7 @@ class Plan:
             shape = footprint(snapshot.scene, slot)  # where it is now
             canvas.polygon(self.pixels(shape), colour, alpha=255 if self._scene.is_wall[slot] else 210)
         frustum = stage.depth_camera().frustum(FRUSTUM_LENGTH_M)
-        canvas.polygon(self.pixels(_hull(frustum[:, :2])), style.FRUSTUM, alpha=110)
+        canvas.polygons(self.pixels(frustum)[FRUSTUM_SIDES], style.FRUSTUM, alpha=110)
         if len(path) > 1:
             canvas.line(self.pixels(path), style.ROBOT, width=1.0, alpha=150)
         self._draw_robot(canvas, stage)
@@ -95,21 +95,3 @@ def footprint(scene: Scene, slot: int) -> np.ndarray:
     )
     cos, sin = np.cos(scene.yaw[slot]), np.sin(scene.yaw[slot])
     return scene.pos[slot, :2] + local @ np.array([[cos, sin], [-sin, cos]])
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Convex hull of a few points (n, 2), counter-clockwise (monotone chain)."""
-    ordered = sorted(map(tuple, points))
-
-    def half_hull(sequence: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        chain: list[tuple[float, float]] = []
-        for p in sequence:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-2:]
-                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0:
-                    break
-                chain.pop()
-            chain.append(p)
-        return chain[:-1]
-
-    return np.array(half_hull(ordered) + half_hull(ordered[::-1]))

@@ -26,6 +26,7 @@ class Renderer:
         """
         self._stage = stage
         self._size = (width, height)
+        red, green, blue = style.PAPER
         with wp.ScopedDevice("cpu"):
             # Colours and sizes change with the scene: these rows are this renderer's own.
             self._model = mjw.put_model(stage.model, batch_sizes={"geom_size": 1, "geom_rgba": 1})
@@ -39,7 +40,7 @@ class Renderer:
                 use_shadows=True,
                 samples_per_pixel=samples,
                 enabled_geom_groups=[SCENE_GROUP, VISUAL_GROUP],
-                background_color=(*(c / 255 for c in style.PAPER), 1.0),
+                background_color=(red / 255, green / 255, blue / 255, 1.0),
             )
 
     def render(self) -> np.ndarray:

@@ -96,16 +96,16 @@ class Player:
         last: dict[int, Snapshot] = {}
         if ended.size:
             qpos, outcomes = self.env.final_qpos.cpu().numpy(), self.env.outcome.cpu().numpy()
-            for world in ended:
-                last[int(world)] = replace(
+            for world in ended.tolist():
+                last[world] = replace(
                     before[world],
                     time=self._time(world),
                     qpos=qpos[world, _ROBOT].astype(float),
                     outcome=self.env.outcomes[outcomes[world]],
                     target=_moved(before[world].target, qpos[world, _OBJECT].astype(float)),
                 )
-                self._scenes[world] = self.env.sim.layout.scene(int(world))
-                self._objects[world] = self._read_object(int(world))
+                self._scenes[world] = self.env.sim.layout.scene(world)
+                self._objects[world] = self._read_object(world)
             self._steps[ended] = 0
             self._episodes[ended] += 1
             self.ended.extend(last.values())

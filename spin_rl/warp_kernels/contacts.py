@@ -1,3 +1,5 @@
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Which parts of the robot touch the scene, read from the solver's contact list."""
 
 import warp as wp

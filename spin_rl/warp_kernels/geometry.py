@@ -1,3 +1,5 @@
+# pyright: reportCallIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Geometry functions shared by the kernels: yaw frames, interval clipping, rays against boxes and cylinders.
 
 Rays are ``origin + t * direction`` with t >= 0 and a direction of any length: t = 1 ends a segment.

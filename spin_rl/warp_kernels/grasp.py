@@ -1,3 +1,6 @@
+# pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Forces between fingertips, object and scene, read from the solver's contact list."""
 
 import warp as wp

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (to a type checker, a Warp struct is an object, not a class, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Scandots: what the robot may know about each obstacle, as tokens (``spin_rl.warp_kernels.tokens``).
 
 Source: SPIN paper, "Phase 1" (scandots s_t, mask F) and the local visibility paragraph of the implementation

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportOperatorIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Scandot tokens: the corners of a box in the base frame, and which of them are known.
 
 A token is 32 floats: 8 corners (x, y, z) in the base frame [m], then 8 flags (1 known, 0 not). A corner

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportAttributeAccessIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What a pinhole camera sees among boxes and upright cylinders: frustum and line of sight."""
 
 import warp as wp

@@ -5,8 +5,9 @@ import pytest
 
 from spin_rl.benchmark.metrics import Episodes
 from spin_rl.benchmark.rounds import run_rounds
-from spin_rl.tasks.common.config import CurriculumConfig, NavConfig
+from spin_rl.tasks.common.config import CurriculumConfig
 from spin_rl.tasks.common.episode import SUCCESS, TIMEOUT
+from spin_rl.tasks.nav.config import NavConfig
 
 NUM_WORLDS, ROUNDS = 4, 3
 
@@ -33,7 +34,7 @@ class Noting:
             self.scenes.append(scene)
             self.begins = False
         if self.arrives:
-            views.goal[:] = views.qpos[:, :2]
+            self.env.goal[:] = views.qpos[:, :2]
         return views.action.clone()
 
 

@@ -2,6 +2,7 @@
 
     make mutants                  all of table.yaml, some minutes
     make mutants ARGS='-k fetch'  those with this in their name
+    make mutants ARGS='-j 4'      four at a time instead of two
 
 Exits with 1 if a mutant survives, is stale (its text is not in the file exactly once) or cannot be judged.
 The checkout is only read. Mutated kernels are compiled anew and end in Warp's cache beside the others.
@@ -16,8 +17,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 
 import yaml
 
@@ -77,6 +80,7 @@ def stale(mutant: Mutant, root: Path) -> str | None:
 
 def copy_checkout(folder: Path) -> None:
     """Copy what the tests need."""
+    folder.mkdir()
     for name in COPIED:
         source, target = ROOT / name, folder / name
         if source.is_dir():
@@ -117,17 +121,23 @@ def judge(mutant: Mutant, folder: Path) -> Verdict:
     return Verdict("BROKEN", f"pytest ended with {code}: {output[-1] if output else ''}")
 
 
-def judge_all(mutants: list[Mutant], folder: Path) -> bool:
-    """Judge and print every mutant; return whether all were killed."""
-    verdicts = []
-    for mutant in mutants:
-        start = time.monotonic()
+def judge_all(mutants: list[Mutant], folders: list[Path]) -> bool:
+    """Judge and print every mutant, one at a time in each copy; return whether all were killed."""
+    idle: SimpleQueue[Path] = SimpleQueue()
+    for folder in folders:
+        idle.put(folder)
+
+    def judge_one(mutant: Mutant) -> str:
+        start, folder = time.monotonic(), idle.get()
         why_not = stale(mutant, folder)
         verdict = judge(mutant, folder) if why_not is None else Verdict("STALE", why_not)
-        verdicts.append(verdict)
+        idle.put(folder)
         seconds = time.monotonic() - start
         print(f"{verdict.kind:8} {mutant.name}  ({seconds:.0f} s) {verdict.detail}", flush=True)
-    kinds = [verdict.kind for verdict in verdicts]
+        return verdict.kind
+
+    with ThreadPoolExecutor(len(folders)) as pool:
+        kinds = list(pool.map(judge_one, mutants))
     counts = ", ".join(f"{kinds.count(kind)} {kind.lower()}" for kind in dict.fromkeys(kinds))
     print(f"{len(mutants)} mutants: {counts}")
     return set(kinds) <= {KILLED}
@@ -137,20 +147,23 @@ def main() -> int:
     """Judge the chosen mutants; return the exit code."""
     parser = argparse.ArgumentParser(description="Do the tests notice what breaks?")
     parser.add_argument("-k", dest="part", default="", help="only mutants with this in their name")
-    part = parser.parse_args().part
+    parser.add_argument("-j", dest="jobs", type=int, default=2, help="how many at a time")
+    args = parser.parse_args()
+    part = args.part
     mutants = [mutant for mutant in read_table(TABLE) if part in mutant.name]
     if not mutants:
         print(f"no mutant has {part!r} in its name")
         return 1
     with tempfile.TemporaryDirectory(prefix="spin-rl-mutants-") as name:
-        folder = Path(name)
-        copy_checkout(folder)
-        tests = sorted({test for mutant in mutants if not stale(mutant, folder) for test in mutant.tests})
-        code, output = run_tests(tests, folder, None) if tests else (0, [])
+        folders = [Path(name) / str(job) for job in range(args.jobs)]
+        for folder in folders:
+            copy_checkout(folder)
+        tests = sorted({test for mutant in mutants if not stale(mutant, ROOT) for test in mutant.tests})
+        code, output = run_tests(tests, folders[0], None) if tests else (0, [])
         if code != 0:
             print("\n".join([*output[-20:], "These tests must pass before anything is broken."]))
             return 1
-        return 0 if judge_all(mutants, folder) else 1
+        return 0 if judge_all(mutants, folders) else 1
 
 
 if __name__ == "__main__":

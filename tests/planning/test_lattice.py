@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from spin_rl import robot
-from spin_rl.planning.lattice import GOAL_TOLERANCE_M, HEADINGS_RAD, blocked_poses, find_path
+from spin_rl.planning.collision import blocked_poses
+from spin_rl.planning.lattice import GOAL_TOLERANCE_M, HEADINGS_RAD, find_path
 from spin_rl.planning.solvability import CELLS, generate_scenes, is_solvable
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
@@ -84,7 +85,7 @@ def test_blocked_poses_are_those_where_mujoco_finds_contact():
     model = native_model(scene)
     data = mujoco.MjData(model)
     x, y = np.linspace(-0.7, 1.7, 25), np.linspace(-0.7, 0.7, 15)
-    blocked = blocked_poses(scene, x, y, robot.STOWED["lift"])
+    blocked = blocked_poses(scene, x, y, HEADINGS_RAD, robot.STOWED["lift"])
     rng = np.random.default_rng(0)
     touching = 0
     for _ in range(1500):

@@ -7,8 +7,9 @@ from fake_env import NUM_ACTIONS, FakeEnv, make_config
 
 from spin_rl.models import ScandotRecurrentModel
 from spin_rl.runners import read_policy
-from spin_rl.runners.distillation.algorithm import Distillation, student_config
+from spin_rl.runners.distillation.algorithm import Distillation
 from spin_rl.runners.distillation.sequences import Sequences
+from spin_rl.runners.distillation.student import student_config
 
 IMAGE = (8, 16)
 ENCODER = {"image": list(IMAGE), "channels": [6], "kernels": [3], "strides": [2], "hidden": [32]}

@@ -9,10 +9,10 @@ from fake_env import make_config
 
 from spin_rl.models import ScandotModel
 from spin_rl.runners import PPORunner, load_policy
-from spin_rl.runners.distillation.algorithm import student_config
 from spin_rl.runners.distillation.runner import DistillRunner
+from spin_rl.runners.distillation.student import student_config
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.warm_start import copy_model
+from spin_rl.runners.model_copy import copy_model
 
 
 @pytest.fixture(scope="module")

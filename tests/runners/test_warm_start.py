@@ -10,7 +10,8 @@ from tensordict import TensorDict
 from spin_rl.models import ScandotModel, ScandotRecurrentModel
 from spin_rl.runners import PPORunner, read_policy, save_policy
 from spin_rl.runners.interface import Camera
-from spin_rl.runners.warm_start import copy_model, warm_start
+from spin_rl.runners.model_copy import copy_model
+from spin_rl.runners.warm_start import warm_start
 
 ENVS, STEPS, ACTIONS = 5, 7, 4
 DIMS = {"proprio": 6, "goal": 3, "extra": 2, "scandots": 96, "scandots_all": 96}

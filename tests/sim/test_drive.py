@@ -107,6 +107,24 @@ def test_speed_scale_and_lag_of_a_world_are_its_own(device):
     assert speed[2] == pytest.approx(fastest * (1 - math.exp(-2.0 / 0.6)), rel=1e-3)
 
 
+@pytest.mark.parametrize("action", [0, 1], ids=["forward", "turn"])
+def test_the_base_speeds_up_at_its_limit_times_the_worlds_scale(action, device):
+    """With a short lag, over 0.1 s: half of the limit is far from the top speed."""
+    scales = np.array([1.0, 0.5, 0.25], np.float32)
+    sim = simulate([scene_with(joints=START)] * 3, device)
+    sim.dynamics.acceleration_scale.assign(0.5 * scales)
+    sim.dynamics.lag.assign(np.full((3, 2), 0.01, np.float32))
+    graph = StepGraph(sim.advance, device)
+    restart(sim)
+    sim.views.action[:] = 0.0
+    sim.views.action[:, action] = 1.0
+    graph.replay()
+    profile = robot.SPEED_PROFILES["paper"]
+    limit = (profile.base_acceleration, profile.turn_acceleration)[action]
+    gained = sim.views.base_velocity[:, action].cpu().numpy()
+    np.testing.assert_allclose(gained, 0.5 * scales * limit * COMMANDS["control_period_s"], rtol=1e-4)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_joints_move_at_their_top_speed_times_the_worlds_scale(way, device):
     """From the middle of their ranges to one end: all are still under way after 0.1 s."""

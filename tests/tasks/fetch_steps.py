@@ -7,10 +7,11 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.sim.targets import make_increments
+from spin_rl.tasks.common.episode import StepEnd
+from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.fetch import stages as fetch_stages
 from spin_rl.tasks.fetch import state as fetch_state
 from spin_rl.tasks.fetch.config import FetchConfig
-from spin_rl.tasks.fetch.env import _rules
 from spin_rl.tasks.fetch.results import FetchEpisodes, read_record
 from spin_rl.tasks.pick.episode import Forces
 
@@ -60,30 +61,36 @@ def end_step(cfg: FetchConfig, lefts: list[Left], device: str) -> Ended:
     with wp.ScopedDevice(device):
         state, record = _state(lefts, device), fetch_state.make_record(n, device)
         bodies = _bodies(cfg, lefts)
-        outcome, seen = wp.zeros(n, dtype=wp.int32), wp.array([left.seen for left in lefts], dtype=bool)
+        limits = [round(limit / cfg.sim.control_period) for limit in cfg.limits.seconds()]
+        rules = rules_of(
+            fetch_state.FetchRules,
+            cfg,
+            limits=wp.array(limits, dtype=wp.int32),
+            table_slot=cfg.scene.table_slot,
+        )
+        end = StepEnd()
+        end.qpos, end.qvel = wp.zeros_like(bodies.qpos), wp.zeros_like(bodies.qvel)
+        end.outcome, end.done = wp.zeros(n, dtype=wp.int32), wp.zeros(n, dtype=bool)
         wp.launch(
-            fetch_stages._advance_stages,
+            fetch_stages.advance_stages,
             dim=n,
             inputs=[
                 bodies,
                 _forces(lefts),
-                _rules(cfg),
+                rules,
                 make_increments(cfg.manipulation.increments, cfg.sim.control_period, device),
-                seen,
+                wp.array([left.seen for left in lefts], dtype=bool),
             ],
             outputs=[
                 state,
                 record,
                 wp.zeros(n, dtype=wp.int32),
                 wp.zeros((n, len(robot.ACTIONS)), dtype=float),
-                wp.zeros_like(bodies.qpos),
-                wp.zeros_like(bodies.qvel),
-                outcome,
-                wp.zeros(n, dtype=bool),
+                end,
             ],
         )
     lists = {name: getattr(state, name).numpy().tolist() for name in ("stage", "scrapes", "retries")}
-    return Ended(outcome=outcome.numpy().tolist(), record=read_record(record), **lists)
+    return Ended(outcome=end.outcome.numpy().tolist(), record=read_record(record), **lists)
 
 
 def _state(lefts: list[Left], device: str) -> fetch_state.FetchState:
@@ -111,9 +118,9 @@ def _bodies(cfg: FetchConfig, lefts: list[Left]) -> fetch_state.Bodies:
     bodies.object_start = wp.zeros(n, dtype=wp.vec4)
     bodies.half_extents = wp.array([HALF_EXTENTS] * n, dtype=wp.vec3)
     bodies.goal = wp.array([GOAL] * n, dtype=wp.vec2)
-    bodies.slot_pos = wp.full((n, slots), wp.vec3(*TABLE), dtype=wp.vec3)
-    bodies.slot_half = wp.full((n, slots), wp.vec3(*TABLE_HALF), dtype=wp.vec3)
-    bodies.slot_yaw = wp.array([[left.table_yaw] * slots for left in lefts], dtype=float)
+    bodies.slots.pos = wp.full((n, slots), wp.vec3(*TABLE), dtype=wp.vec3)
+    bodies.slots.half_size = wp.full((n, slots), wp.vec3(*TABLE_HALF), dtype=wp.vec3)
+    bodies.slots.yaw = wp.array([[left.table_yaw] * slots for left in lefts], dtype=float)
     return bodies
 
 

@@ -16,7 +16,7 @@ from spin_rl.analysis.failures.analysis import failures_of
 from spin_rl.analysis.failures.watch import HITS, Failure, scene_of
 from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables import reach as report
-from spin_rl.sim.simulation import geom_parts
+from spin_rl.sim.model import geom_parts
 from spin_rl.viewer import style
 
 _TIME_BINS_S = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)
@@ -131,8 +131,9 @@ def _by_side(failures: list[Failure]) -> list[str]:
     middle = robot.load_spec().geom("base").pos[0]
     touched = [failure for failure in failures if failure.parts and failure.parts[0] == "base"]
     sides = Counter(
-        ("front" if failure.point_b[0] > middle else "rear", failure.motion)  # type: ignore
+        ("front" if failure.point_b[0] > middle else "rear", failure.motion)
         for failure in touched
+        if failure.point_b is not None
     )
     body = [[end, motion, *_rate(count, len(touched))] for (end, motion), count in sides.most_common()]
     return report.align([["end of the base", "base", "collisions", "share", "95%"], *body]) if body else []

@@ -7,7 +7,7 @@ supplement, asynchronous DAgger training (the actor is frozen at first).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import rsl_rl.algorithms
@@ -18,14 +18,14 @@ from tensordict import TensorDict
 from torch import nn
 
 from spin_rl.models import ScandotModel
-from spin_rl.models.groups import HAND_IN_IMAGE, PRIVILEGED, is_encoded, is_seen, replaceable_group
 from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.distillation.sequences import Recorder, Sequences, mean_actions
+from spin_rl.runners.distillation.student import build_student
 from spin_rl.runners.interface import Camera
+from spin_rl.runners.model_copy import copy_model
 from spin_rl.runners.policy_file import load_policy
 from spin_rl.runners.ppo.algorithm import MAX_LOST_UPDATES
 from spin_rl.runners.ppo.dvo import action_error
-from spin_rl.runners.warm_start import copy_model
 
 SCHEDULES = ("fixed", "linear")
 STATISTICS = ("actions", "robot", "camera", "latent", "grad_norm", "skipped_steps")
@@ -41,6 +41,7 @@ class Distillation(rsl_rl.algorithms.Distillation):
 
     student: ScandotModel
     teacher: ScandotModel
+    max_grad_norm: float
 
     def __init__(
         self,
@@ -81,7 +82,7 @@ class Distillation(rsl_rl.algorithms.Distillation):
         super().__init__(
             student,
             teacher,
-            sequences,  # type: ignore
+            sequences,  # pyright: ignore[reportArgumentType] - the base class only keeps it
             num_learning_epochs=num_learning_epochs,
             gradient_length=sequences.num_steps,
             learning_rate=learning_rate,
@@ -252,64 +253,11 @@ class Distillation(rsl_rl.algorithms.Distillation):
         loss.backward()
         if self.is_multi_gpu:
             self.reduce_parameters()
-        norm = nn.utils.clip_grad_norm_(student.parameters(), self.max_grad_norm)  # type: ignore
+        norm = nn.utils.clip_grad_norm_(student.parameters(), self.max_grad_norm)
         skipped = (~norm.isfinite()).float()
-        self.optimizer.found_inf = skipped  # type: ignore # Adam leaves out a step where it is not zero
+        # Adam leaves out a step where this is not zero; it is set from outside, as by torch's GradScaler.
+        self.optimizer.found_inf = skipped  # pyright: ignore[reportAttributeAccessIssue]
         self.optimizer.step()
         robot, camera = errors.index_select(0, self._robot), errors.index_select(0, self._camera)
         numbers = (errors.mean(), robot.mean(), camera.sum() / max(len(camera), 1), latent, norm, skipped)
         return torch.stack(numbers).detach()
-
-
-def build_student(obs: TensorDict, cfg: Mapping[str, Any], num_actions: int) -> ScandotModel:
-    """Build the student of a runner's configuration with new weights."""
-    student_class, student_cfg = resolve_class(cfg["actor"])
-    return student_class(obs, cfg["obs_groups"], "actor", num_actions, **student_cfg)
-
-
-def student_config(
-    teacher: Mapping[str, Any], depth_encoder: Mapping[str, Any], further_groups: Sequence[str] = ()
-) -> dict[str, Any]:
-    """Describe the student of a teacher: the same model with an image in place of what the teacher sees.
-
-    The latent is as wide as what it stands for, the latent of scandots or the object's columns.
-
-    Args:
-        teacher: Metadata of the teacher's policy.
-        depth_encoder: Layers of the encoder.
-        further_groups: What the student reads besides; flat groups.
-
-    Returns:
-        Sections `actor` and `obs_groups` of a runner's configuration.
-
-    Raises:
-        ValueError: The teacher reads nothing that an image could replace, or images already, or a further
-            group is read already or tells what only an image may.
-    """
-    groups: list[str] = teacher["obs_groups"]
-    try:
-        seen = replaceable_group(groups)
-    except ValueError as error:
-        raise ValueError(f"teacher: {error}") from None
-    _check_further(further_groups, groups)
-    if depth_encoder.get("hand_window") and HAND_IN_IMAGE not in further_groups:
-        raise ValueError(
-            f"runner.depth_encoder.hand_window: needs {HAND_IN_IMAGE}, of picking, in runner.further_groups"
-        )
-    latent = {} if is_encoded(seen) else {"scandot_latent": teacher["obs_dims"][seen]}
-    return {
-        "actor": dict(teacher["actor"]) | latent | {"depth_encoder": dict(depth_encoder)},
-        "obs_groups": {
-            "actor": [*("depth" if group == seen else group for group in groups), *further_groups]
-        },
-    }
-
-
-def _check_further(further: Any, groups: Sequence[str]) -> None:
-    if not isinstance(further, Sequence) or isinstance(further, str):
-        raise ValueError(f"runner.further_groups: expected a list of groups, got {further!r}")
-    for index, group in enumerate(further):
-        if group in groups or group in further[:index]:
-            raise ValueError(f"runner.further_groups: {group} is read already")
-        if is_seen(str(group)) or group == PRIVILEGED:
-            raise ValueError(f"runner.further_groups: {group} tells what a student has to see for itself")

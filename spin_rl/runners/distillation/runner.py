@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 from tensordict import TensorDict
@@ -24,7 +25,7 @@ class DistillRunner(TrainingLoop):
     loss = math.nan
 
     def _check(self, cfg: dict[str, Any], obs: TensorDict, num_envs: int) -> None:
-        check_distillation(cfg, obs, num_envs)
+        check_distillation(cfg, list(map(str, obs.keys())), num_envs)
 
     def _scalars(self, losses: dict[str, float]) -> dict[str, float]:
         self.loss = losses.get("actions", math.nan)
@@ -37,13 +38,13 @@ class DistillRunner(TrainingLoop):
         return super()._summary(*arguments) | {"loss": self.loss}
 
 
-def check_distillation(cfg: dict[str, Any], obs: TensorDict, num_envs: int) -> None:
+def check_distillation(cfg: dict[str, Any], observed: Collection[str], num_envs: int) -> None:
     """Check the configuration of `DistillRunner`; see `check_config`.
 
     Raises:
         ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
     """
-    check_loop(cfg, obs, ("actor",), ("asynchronous",))
+    check_loop(cfg, observed, ("actor",), ("asynchronous",))
     algorithm = cfg["algorithm"]
     given = ("student", "sequences", "camera_actions", "device", "multi_gpu_cfg")
     check_class(algorithm, Distillation, "algorithm", given)

@@ -156,7 +156,7 @@ class Recorder:
 
     def _keep_state(self) -> None:
         if self.sequences.state is not None:
-            state: LSTMState | None = self.student.get_hidden_state()  # type: ignore
+            state = self.student.get_hidden_state()
             for index, buffer in enumerate(self.sequences.state):
                 buffer.zero_() if state is None else buffer.copy_(state[index])
 

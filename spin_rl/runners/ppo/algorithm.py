@@ -1,4 +1,8 @@
-"""Proximal policy optimization on sequences: a subclass of rsl_rl's PPO."""
+"""Proximal policy optimization on sequences: a subclass of rsl_rl's PPO.
+
+One class, and so one file: the update, and what of rsl_rl it replaces. The storage is elsewhere, and so are
+losses beyond PPO's, in a subclass.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import nn
 
-from spin_rl.models import LSTMState, ScandotModel
+from spin_rl.models import LSTMState, ScandotModel, ScandotRecurrentModel
 from spin_rl.runners.ppo.storage import Batch, SequenceStorage
 
 SCHEDULES = ("adaptive", "fixed", "linear")
@@ -32,7 +36,7 @@ class PPO(rsl_rl.algorithms.PPO):
 
     actor: ScandotModel
     critic: ScandotModel
-    storage: SequenceStorage  # type: ignore
+    storage: SequenceStorage
 
     def __init__(
         self,
@@ -82,7 +86,7 @@ class PPO(rsl_rl.algorithms.PPO):
         super().__init__(
             actor,
             critic,
-            storage,  # type: ignore
+            storage,  # pyright: ignore[reportArgumentType] - the base class only keeps it
             num_learning_epochs=num_learning_epochs,
             num_mini_batches=num_mini_batches,
             clip_param=clip_param,
@@ -313,11 +317,10 @@ class PPO(rsl_rl.algorithms.PPO):
 
     def _state(self, model: ScandotModel) -> LSTMState | None:
         """State of a recurrent model, zeros before its first step."""
-        if not model.is_recurrent:
+        if not isinstance(model, ScandotRecurrentModel):
             return None
         state = model.get_hidden_state()
         if state is None:
-            dim: int = model.rnn_hidden_dim  # type: ignore
-            zeros = torch.zeros(1, self.storage.num_envs, dim, device=self.device)
+            zeros = torch.zeros(1, self.storage.num_envs, model.rnn_hidden_dim, device=self.device)
             state = (zeros, zeros)
-        return state  # type: ignore
+        return state

@@ -17,7 +17,7 @@ class PPORunner(TrainingLoop):
     alg: PPO
 
     def _check(self, cfg: dict[str, Any], obs: TensorDict, num_envs: int) -> None:
-        check_config(cfg, obs, num_envs)
+        check_config(cfg, list(map(str, obs.keys())), num_envs)
 
     def _scalars(self, losses: dict[str, float]) -> dict[str, float]:
         return {"Policy/std": self.alg.actor.output_std.mean().item()}

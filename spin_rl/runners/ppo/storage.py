@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from tensordict import TensorDict
@@ -102,7 +103,7 @@ class SequenceStorage:
         def pick(buffer: torch.Tensor) -> torch.Tensor:
             return buffer.index_select(1, index)
 
-        observations = {name: pick(buffer) for name, buffer in self.observations.items()}
+        observations = {name: pick(cast(torch.Tensor, buffer)) for name, buffer in self.observations.items()}
         actor, critic = (state and (pick(state[0]), pick(state[1])) for state in self.states)
         return Batch(
             TensorDict(observations, batch_size=(self.num_steps, len(index))),

@@ -12,15 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel
 from spin_rl.runners.checkpoint import to_cpu
-from spin_rl.runners.distillation.algorithm import build_student
 from spin_rl.runners.distillation.sequences import Recorder, Sequences
+from spin_rl.runners.distillation.student import build_student
 from spin_rl.runners.interface import TrainingEnv
 
 _POLL_S = 0.5
@@ -132,7 +132,8 @@ def collect_for_ever(connection: Connection, make_env: Callable[[], TrainingEnv]
     try:
         env = make_env()
         camera = getattr(env, "camera_actions", ()), dict(getattr(env, "camera_columns", {}))
-        example = {name: value.cpu() for name, value in env.get_observations().items()}
+        groups = cast(dict[str, torch.Tensor], env.get_observations())
+        example = {name: value.cpu() for name, value in groups.items()}
         send(connection, Introduction(example, env.num_actions, camera, to_cpu(env.state_dict())))
         order = connection.recv()
         if order is not None:

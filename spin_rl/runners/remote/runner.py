@@ -7,9 +7,9 @@ import multiprocessing
 import shutil
 from collections.abc import Callable
 from multiprocessing.connection import wait
-from multiprocessing.context import BaseContext
+from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from tensordict import TensorDict
 
@@ -44,7 +44,10 @@ class RemoteEnv:
     cfg: dict[str, Any] = {}  # noqa: RUF012 - rsl_rl asks for one, and only logs it
 
     def __init__(
-        self, make_env: Callable[[], TrainingEnv], device: str, context: BaseContext | None = None
+        self,
+        make_env: Callable[[], TrainingEnv],
+        device: str,
+        context: ForkServerContext | SpawnContext | None = None,
     ) -> None:
         """Start the process and wait for its environment.
 
@@ -59,7 +62,7 @@ class RemoteEnv:
         """
         context = context or multiprocessing.get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process = context.Process(  # type: ignore
+        self._process = context.Process(
             target=collect_for_ever, args=(other, make_env, device), name="collector", daemon=True
         )
         self._process.start()
@@ -167,7 +170,7 @@ class AsyncDistillRunner(DistillRunner):
     The section `asynchronous` of its configuration is a `RingConfig`.
     """
 
-    env: RemoteEnv  # type: ignore
+    env: RemoteEnv
 
     def __init__(
         self,
@@ -178,7 +181,8 @@ class AsyncDistillRunner(DistillRunner):
         snapshot: dict[str, Any] | None = None,
     ) -> None:
         """Build models and algorithm; arguments as of `DistillRunner`."""
-        super().__init__(env, cfg, run_dir, device, snapshot)  # type: ignore
+        # It has no `step`: rollouts come from the other process.
+        super().__init__(cast(TrainingEnv, env), cfg, run_dir, device, snapshot)
         ring = from_mapping(RingConfig, self.cfg.get("asynchronous") or {}, "asynchronous")
         self._ring = Ring(ring)
         self._blocks = _allocate_shared(self.alg.sequences, ring.blocks)

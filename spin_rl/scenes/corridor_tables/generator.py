@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Corridors with a table and an object at their end, for all worlds at once, on the device.
 
 Source: SPIN paper, "Simulation results": reach, pick and place in the corridors of `generator.py`. Place and

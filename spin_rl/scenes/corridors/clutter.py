@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Obstacles along a stretch of corridor, as Warp functions: always passable, by construction.
 
 A stretch has a coordinate s along and t across (left positive). Obstacles are drawn in the order in which the
@@ -10,7 +11,7 @@ second one starts late enough. The room that is left over along the stretch is s
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.warp_kernels.slots import Slots, put_slot
 
 MAX_OBSTACLES = wp.constant(8)

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Procedural corridors for all worlds at once, on the device.
 
 Source: SPIN paper, "Training environments" and "Simulation results": a straight corridor 1 m wide and an
@@ -12,8 +13,9 @@ import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
 from spin_rl.scenes.corridors.motion import draw_motion
-from spin_rl.scenes.corridors.params import GeneratorParams, ParamsStruct, params_struct
+from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.corridors.start_pose import put_start
+from spin_rl.scenes.corridors.struct import ParamsStruct, params_struct
 from spin_rl.scenes.corridors.walls import put_bent_walls, put_straight_walls
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.warp_kernels.slots import Slots, put_slot, slots_of

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (to a type checker, a Warp struct is an object, not a class, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportCallIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Which obstacles of a corridor move, and how.
 
 The corridor that the generator drew is the worst case: no obstacle ever reaches farther into the corridor

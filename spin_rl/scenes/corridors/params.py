@@ -1,15 +1,9 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
-"""Parameters of the corridor generator, on the host and as the struct that its kernel reads."""
+"""Parameters of the corridor generator and what of them is possible."""
 
 import math
 from dataclasses import dataclass, fields
-from functools import lru_cache
-
-import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.footprint import vec8
 from spin_rl.scenes.layout import PoolSpec
 
 HIDDEN_DEPTH_M = 0.03
@@ -191,8 +185,8 @@ class GeneratorParams:
             f"scene.hard_obstacles must be in [4, {most}], got {self.hard_obstacles}",
         )
         self._check_motion()
-        for name, joint in _START_RANGES.items():
-            if name in _ABSOLUTE_RANGES:
+        for name, joint in START_RANGES.items():
+            if name in ABSOLUTE_RANGES:
                 index = robot.JOINTS.index(joint)
                 low, high = robot.JOINT_LOWER[index], robot.JOINT_UPPER[index]
                 value = getattr(self, name)
@@ -224,81 +218,20 @@ class GeneratorParams:
         )
 
 
-# Ranges of the start pose, in the order of robot.JOINTS; the rest of them is relative to the stowed pose.
-_START_RANGES = {f"start_{joint}": joint for joint in robot.JOINTS}
-# Read by the kernel in motion.py, which draws them from random numbers of its own.
-_MOTION = ("emerging_share", "patrolling_share", "emerging_trigger", "motion_speed")
-_ABSOLUTE_RANGES = ("start_lift", "start_arm_extension", "start_head_pan", "start_head_tilt")
+START_RANGES = {f"start_{joint}": joint for joint in robot.JOINTS}
+"""Ranges of the start pose by parameter, in the order of `robot.JOINTS`."""
 
-
-@wp.struct
-class ParamsStruct:
-    """`GeneratorParams` as the kernel reads them; joint ranges are absolute and clipped to the limits."""
-
-    width: float
-    easy_width: float
-    length: float
-    first_leg: wp.vec2
-    behind_start: wp.vec2
-    beyond_goal: wp.vec2
-    wall_height: wp.vec2
-    wall_thickness: float
-    passage: float
-    first_obstacle: float
-    goal_clearance: float
-    corner_clearance: float
-    slalom_gap: float
-    slalom_gain: float
-    same_side_gap: float
-    tall_share: float
-    arm_share: float
-    head_share: float
-    cylinder_share: float
-    standing_share: float
-    corner_share: float
-    hard_obstacles: int
-    protrusion: wp.vec2
-    standing_width: wp.vec2
-    half_length: wp.vec2
-    radius: wp.vec2
-    box_yaw: float
-    low_top: wp.vec2
-    tall_top: wp.vec2
-    arm_bottom: wp.vec2
-    arm_thickness: wp.vec2
-    head_bottom: wp.vec2
-    head_thickness: wp.vec2
-    max_distractors: int
-    start_y: float
-    start_clearance: float
-    start_tries: int
-    stowed: vec8
-    start_low: vec8
-    start_high: vec8
-
-
-@lru_cache(maxsize=8)
-def params_struct(params: GeneratorParams) -> ParamsStruct:
-    """The kernel's copy of the parameters."""
-    struct = ParamsStruct()
-    for field in fields(GeneratorParams):
-        if field.name in (*_START_RANGES, *_MOTION):
-            continue
-        value = getattr(params, field.name)
-        setattr(struct, field.name, wp.vec2(*value) if isinstance(value, tuple) else value)
-    struct.stowed = vec8(*(robot.STOWED[joint] for joint in robot.JOINTS))
-    low, high = start_ranges(params)
-    struct.start_low, struct.start_high = vec8(*low), vec8(*high)
-    return struct
+ABSOLUTE_RANGES = ("start_lift", "start_arm_extension", "start_head_pan", "start_head_tilt")
+"""Those that are not relative to the stowed pose."""
 
 
 def start_ranges(params: GeneratorParams) -> tuple[list[float], list[float]]:
     """Lowest and highest joint positions of a start, absolute and within the limits, `robot.JOINTS` order."""
     ranges = []
     for (name, joint), lower, upper in zip(
-        _START_RANGES.items(), robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True
+        START_RANGES.items(), robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True
     ):
-        offset = 0.0 if name in _ABSOLUTE_RANGES else robot.STOWED[joint]
+        offset = 0.0 if name in ABSOLUTE_RANGES else robot.STOWED[joint]
         ranges.append([min(max(bound + offset, lower), upper) for bound in getattr(params, name)])
     return [low for low, _ in ranges], [high for _, high in ranges]
 

@@ -1,10 +1,10 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Start poses, as Warp functions: random, where the robot keeps its distance from everything."""
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.footprint import pose_is_clear
 from spin_rl.warp_kernels.slots import Slots
 

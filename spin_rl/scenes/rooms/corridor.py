@@ -1,11 +1,12 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
+# pyright: reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Cluttered corridors with up to two corners and with dead ends, as a Warp function."""
 
 import warp as wp
 
 from spin_rl.scenes.corridors.clutter import Stretch, Used, place_obstacles
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.rooms.geometry import Rectangles, Site, middle_of, shifted, with_rectangle
 from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_walls

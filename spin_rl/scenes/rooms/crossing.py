@@ -1,10 +1,10 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Halls with side openings out of which things move, as a Warp function."""
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, with_rectangle, with_reserved

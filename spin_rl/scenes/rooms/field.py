@@ -1,11 +1,11 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Boxes and posts on an open floor, as a Warp function."""
 
 import warp as wp
 
 from spin_rl.scenes.corridors.clutter import draw_heights
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.rooms.arrange import place_is_free
 from spin_rl.scenes.rooms.geometry import Site
 from spin_rl.scenes.rooms.struct import FamilyStruct

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Pieces of furniture from boxes and cylinders, as Warp functions.
 
 A piece has a frame on the floor, (x, y, yaw): x along it, y from its back to its front. It is drawn first,

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Scenes of all families for all worlds at once, on the device.
 
 In two steps, since a start must be able to reach the goal: `build_scenes` writes walls, furniture, what
@@ -8,7 +8,7 @@ moves, and the goal; `place_starts` of `start.py` takes the ways to that goal an
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct, params_struct
+from spin_rl.scenes.corridors.struct import ParamsStruct, params_struct
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout
 from spin_rl.scenes.motion import Track, track_of

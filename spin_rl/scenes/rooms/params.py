@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.layout import PoolSpec
@@ -247,7 +249,7 @@ _LIMITS = {
 }
 
 
-def scene_class(values: dict) -> type[GeneratorParams]:
+def scene_class(values: Mapping[str, Any]) -> type[GeneratorParams]:
     """Class of a navigation scene's configuration: with `shares` it is one of families."""
     return FamilyParams if "shares" in values else GeneratorParams
 

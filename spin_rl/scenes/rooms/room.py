@@ -1,10 +1,10 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Furnished rooms: one, or several with doorways between them, as Warp functions."""
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct
+from spin_rl.scenes.corridors.struct import ParamsStruct
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, middle_of, shifted, with_rectangle, with_reserved
 from spin_rl.scenes.rooms.struct import FamilyStruct

@@ -1,10 +1,11 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
+# pyright: reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Start poses from which there is a way to the goal."""
 
 import warp as wp
 
-from spin_rl.scenes.corridors.params import ParamsStruct, params_struct
+from spin_rl.scenes.corridors.struct import ParamsStruct, params_struct
 from spin_rl.scenes.footprint import pose_is_clear, vec8
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout

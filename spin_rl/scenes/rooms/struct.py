@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Parameters of the scene families as kernels read them."""
 
 import dataclasses

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
+# pyright: reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Tables with an object to pick up, for all worlds at once, on the device.
 
 Source: SPIN paper, "Training environments" of the pick task: a table of random height with one of several
@@ -109,14 +110,14 @@ def size_of(kind: int, factor: float) -> wp.vec3:
 @wp.func
 def mass_of(kind: int, factor: float) -> float:
     """Mass of a kind of object, times a factor [kg]."""
-    return _MASS[kind] * factor  # pyright: ignore[reportReturnType]
+    return _MASS[kind] * factor
 
 
 @wp.func
 def radius_of(kind: int, half: wp.vec3) -> float:
     """Radius of the upright cylinder around an object, whichever way it is turned [m]."""
     if SHAPE_OF_KIND[kind] == CYLINDER:
-        return half[0]  # pyright: ignore[reportReturnType]
+        return half[0]  # pyright: ignore[reportReturnType] - to a type checker, maybe a row of a matrix
     return wp.length(wp.vec2(half[0], half[1]))
 
 

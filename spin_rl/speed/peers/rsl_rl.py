@@ -12,7 +12,7 @@ from rsl_rl.models import MLPModel, RNNModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
-from spin_rl.models import ScandotModel
+from spin_rl.models import ScandotModel, ScandotRecurrentModel
 from spin_rl.runners.ppo import algorithm
 from spin_rl.runners.ppo.storage import SequenceStorage
 
@@ -81,7 +81,6 @@ def _model(
 ) -> MLPModel:
     hidden: Sequence[int] = cfg.get("hidden_dims") or [least_hidden]
     shared = {"hidden_dims": hidden, "obs_normalization": True, "distribution_cfg": distribution}
-    if like.is_recurrent:
-        units: int = like.rnn_hidden_dim  # type: ignore
-        return RNNModel(obs, groups, name, output_dim, rnn_hidden_dim=units, **shared)
+    if isinstance(like, ScandotRecurrentModel):
+        return RNNModel(obs, groups, name, output_dim, rnn_hidden_dim=like.rnn_hidden_dim, **shared)
     return MLPModel(obs, groups, name, output_dim, **shared)

@@ -63,13 +63,13 @@ def scandot_tokens_numpy(
     signs = np.stack([np.stack(s, -1) for s in ((x, y), (-y, x), (-x, -y), (y, -x))], 2)
     edges = _turn(signs * worlds.half_size[:, :, None, :2], cos[..., None], sin[..., None])
     edges += worlds.pos[:, :, None, :2]
-    heights = worlds.pos[..., 2:] + worlds.half_size[..., 2:] * np.float32([-1.0, 1.0])
+    heights = worlds.pos[..., 2:] + worlds.half_size[..., 2:] * np.array([-1.0, 1.0], dtype=np.float32)
     corners = np.concatenate([np.tile(edges, (1, 1, 2, 1)), np.repeat(heights, 4, -1)[..., None]], -1)
 
     base_cos, base_sin = np.cos(worlds.base[:, 2]), np.sin(worlds.base[:, 2])
     xy_b = _turn(corners[..., :2] - base_xy[:, None], base_cos[:, None, None], -base_sin[:, None, None])
     corners_b = np.concatenate([xy_b, corners[..., 2:]], -1)
-    inside = (np.abs(xy_b) <= worlds.window).all(-1)
+    inside = np.all(np.abs(xy_b) <= worlds.window, axis=-1)
 
     in_cam = (corners - worlds.cam_pos[:, None, None]) @ worlds.cam_mat[:, None]
     depth = in_cam[..., 2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import hydra
 from hydra.core.global_hydra import GlobalHydra
@@ -47,7 +47,7 @@ def plain(cfg: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
         missing = OmegaConf.missing_keys(cfg)
         if missing:
             raise ConfigError(f"{min(missing)}: a value is needed")
-        return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
+        return cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
     return dict(cfg)
 
 

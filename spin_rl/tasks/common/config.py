@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Annotated, get_args
 
 from spin_rl import robot
+from spin_rl.config import Choice
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sim import SimConfig
+
+CameraMount = Annotated[robot.CameraMount, Choice(get_args(robot.CameraMount))]
 
 _UNITS = ("_m", "_s", "_n")
 
@@ -117,7 +121,7 @@ class TaskConfig:
     """
 
     robot_profile: str = "paper"
-    camera_mount: str = "portrait"
+    camera_mount: CameraMount = "portrait"
     camera_pose: tuple[float, float] | None = None
     episode_s: float = 30.0
     reward: dict[str, float] = field(default_factory=dict)
@@ -130,8 +134,6 @@ class TaskConfig:
         """Reject impossible values with the key's name."""
         if self.robot_profile not in robot.SPEED_PROFILES:
             raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
-        if self.camera_mount not in ("portrait", "landscape"):
-            raise ValueError(f"task.camera_mount must be portrait or landscape, got {self.camera_mount!r}")
         for joint, value in zip(robot.CAMERA_JOINTS, self.camera_pose or (), strict=False):
             index = robot.JOINTS.index(joint)
             if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:

@@ -1,3 +1,5 @@
+# pyright: reportInvalidTypeForm=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What tasks in corridors share: the choice of corridors, the goals, and the sensor of obstacles."""
 
 import torch

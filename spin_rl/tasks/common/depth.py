@@ -101,7 +101,7 @@ class DepthImages(Sensor):
         return wp.to_torch(self.pipeline.noise.episode)
 
 
-def image_shape(camera_mount: str) -> tuple[int, int]:
+def image_shape(camera_mount: robot.CameraMount) -> tuple[int, int]:
     """Rows and columns of the images of an upright camera, as `DepthCamera` has them."""
     tan_x, tan_y = robot.camera_tan_half_fov(camera_mount)
     return PIXELS if tan_x >= tan_y else (PIXELS[1], PIXELS[0])

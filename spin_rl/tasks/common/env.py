@@ -1,4 +1,8 @@
-"""What all tasks share: one captured graph per control step, seeds, training levels, saving, statistics."""
+"""What all tasks share: one captured graph per control step, seeds, training levels, saving, statistics.
+
+One class, and so one file: the order of what happens in a step and in a reset is its subject. The parts are
+elsewhere: physics, sensors, rewards, observations, statistics, health.
+"""
 
 from __future__ import annotations
 
@@ -72,6 +76,8 @@ class TaskEnv(VecEnv):
     camera_actions = CAMERA_ACTIONS
     camera_columns = camera_columns()
     cfg: TaskConfig
+    device: str
+    max_episode_length: int
     sensors: tuple[Sensor, ...] = ()
     step_sensors: tuple[Sensor, ...] = ()
     outcomes: tuple[str, ...] = episode.OUTCOMES

@@ -1,3 +1,5 @@
+# pyright: reportInvalidTypeForm=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What went wrong in physics: non-finite worlds with their recent states, and overflows by cause."""
 
 import time

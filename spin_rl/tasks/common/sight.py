@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Where the robot sees the object (the paper's F(o_t)): by the simulator, or by a detector in images."""
 
 import math

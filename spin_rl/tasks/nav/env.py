@@ -160,6 +160,7 @@ class NavEnv(CorridorEnv):
         if self._is_fixed:
             return
         if self._field is not None:
+            assert isinstance(params, FamilyParams)
             build_scenes(layout, params, **draw, family_choice=self._family_choice)
             self._field.update(layout.goal, mask)
             place_starts(layout, params, self._field.field, **draw)

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """How far it is to the goal, and how long an episode may take: by the corridor's shape or by a field."""
 
 from typing import Any

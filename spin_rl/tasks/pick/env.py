@@ -28,6 +28,7 @@ class PickEnv(ObjectChoice, TaskEnv):
     """
 
     cfg: PickConfig
+    statistics: PickStatistics
     outcomes = pick_episode.PICK_OUTCOMES
     last_transition: PickTransition | None = None
 

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Second stage of depth images: the records of the geoms in view, evaluated at the pixels.
 
 On the CPU one thread draws a world's whole image, solid by solid, in vector instructions; on CUDA one thread

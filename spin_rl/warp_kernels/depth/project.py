@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """From a geom's pose in the optical frame to the record that ``depth_shapes`` draws."""
 
 import warp as wp

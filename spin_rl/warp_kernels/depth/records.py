@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """First stage of depth images: each geom in view becomes a record and a rectangle of pixels."""
 
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Which pixels of a depth image show a target, a set of geoms that each world has, and where it then is.
 
 A pixel shows the target if one of its geoms has the depth that the pixel has. So the records of a few geoms

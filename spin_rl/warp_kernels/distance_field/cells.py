@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What the cells of a distance field are, and the values around the goal, from which the others spread."""
 
 import warp as wp

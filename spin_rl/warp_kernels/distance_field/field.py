@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Distance fields as kernels read them."""
 
 import warp as wp

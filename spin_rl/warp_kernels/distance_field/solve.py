@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-# (a Warp struct is an object, not a class, to a type checker, and wp.tid() has any number of values)
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportIndexIssue=false
+# pyright: reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Values of a distance field, spread from the goal.
 
 The value T solves the eikonal equation |grad T| = slowness with first-order upwind differences (Rouy and

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (a Warp struct is an object, not a class, to a type checker)
+# pyright: reportGeneralTypeIssues=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """The shortest way itself: steepest descent in a distance field."""
 
 import warp as wp

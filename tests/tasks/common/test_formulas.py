@@ -1,5 +1,7 @@
 """What policies are told, from plain tensors as a robot has them; the judge is C MuJoCo or NumPy."""
 
+import math
+
 import mujoco
 import numpy as np
 import pytest
@@ -73,6 +75,16 @@ def test_points_goals_hands_and_objects_are_those_of_a_numpy_formula(rng):
     wanted = np.column_stack([np.ones(COUNT), point_b, *clipped])
     told = formulas.seen_object(*map(tensor, (points, base, centres, grippers)))
     np.testing.assert_allclose(told, wanted, atol=2e-5)
+
+
+@pytest.mark.parametrize("farthest", [0.5, 5.0])
+def test_far_goals_are_told_as_less_far_in_their_direction(farthest):
+    distance = np.array([0.0, 0.4, 4.9, 5.1, 40.0])
+    direction = np.array([math.cos(2.0), math.sin(2.0)])
+    shown = np.minimum(distance, farthest)
+    wanted = np.column_stack([shown[:, None] * direction, shown]) / 2.5
+    told = formulas.goal(tensor(distance[:, None] * direction), farthest)
+    np.testing.assert_allclose(told, wanted, atol=1e-6)
 
 
 def test_what_is_measured_in_the_base_frame_needs_no_pose(rng):

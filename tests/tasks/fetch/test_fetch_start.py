@@ -8,8 +8,9 @@ from spin_rl.tasks.fetch import start as fetch_start
 from spin_rl.tasks.fetch import state as fetch_state
 from spin_rl.tasks.pick.episode import Forces
 
-# Told of the last fetch until the next one's first step, or written by it before they are read.
-LEFT_OVER = {"reached", "picked", "stand", "found", "rest", "mark"}
+# Told of the last fetch until the next one's first step, or written by it before they are read; the length is
+# cleared with every episode's.
+LEFT_OVER = {"reached", "picked", "length", "stand", "found", "rest", "mark"}
 STARTS = [(1.0, 2.0, 0.3), (-1.0, 0.5, 0.0)]
 
 
@@ -31,17 +32,13 @@ def begin(state, mask, device):
         forces.table, forces.hard = wp.full(n, 9.0, dtype=float), wp.full(n, 99.0, dtype=float)
         forces.support = wp.zeros(n, dtype=bool)
         wp.launch(
-            fetch_start._begin_fetches,
+            fetch_start.begin_fetches,
             dim=n,
             inputs=[
                 wp.array(mask, dtype=bool),
                 wp.array(STARTS, dtype=wp.vec3),
-                wp.array([3], dtype=wp.int32),
-                wp.array([[0.1, 0.2], [0.1, 0.2]], dtype=float),
-                wp.array([0.8, 1.0], dtype=float),
-                wp.zeros(n, dtype=wp.int32),
             ],
-            outputs=[state, forces, wp.zeros((n, 2), dtype=float), wp.zeros(n, dtype=float)],
+            outputs=[state, forces],
         )
     arrays = {name: getattr(state, name) for name in fetch_state.FetchState.vars}
     arrays |= {name: getattr(forces, name) for name in ("finger", "table", "hard", "support")}
@@ -69,7 +66,7 @@ def test_the_place_where_the_object_was_seen_last_is_kept(device):
     for seen, x in looks:
         at = wp.array([(x, 0.0, 0.5)] * 2, dtype=wp.vec3, device=device)
         seen = wp.array(seen, dtype=bool, device=device)
-        wp.launch(fetch_start._watch_objects, dim=2, inputs=[seen, at], outputs=[state], device=device)
+        wp.launch(fetch_start.watch_objects, dim=2, inputs=[seen, at], outputs=[state], device=device)
         found.append((state.is_found.numpy().tolist(), state.found.numpy()[:, 0].tolist()))
     assert found == [
         ([True, False], [1.0, 0.0]),

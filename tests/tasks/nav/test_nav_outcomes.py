@@ -1,70 +1,12 @@
 """When a drive ends and how: the end of a step by tables of what it left behind."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import warp as wp
+from nav_steps import BEFORE_M, LIMIT, Left, end_step
 
-from spin_rl import robot
-from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.episode import COLLISION, NON_FINITE, RUNNING, SUCCESS, TIMEOUT
-
-TOLERANCE, LIMIT = 0.3, 100
-UP, DOWN = 0.1, 0.05
-
-
-@dataclass
-class Left:
-    """What a step leaves behind: way to the goal along x and y [m], a part that touches, steps so far."""
-
-    way: tuple[float, float] = (2.0, 0.0)
-    part: str | None = None
-    length: int = 10
-    broken: str | None = None
-    bend: int = 0
-
-
-def end(lefts, device, *, stop_on_collision=True):
-    """End one step, a world for each; return outcomes, levels (0.5 before), progress and distance."""
-    n, dofs = len(lefts), len(robot.DOF_NAMES)
-    state = {
-        "qpos": np.zeros((n, dofs), np.float32),
-        "qvel": np.zeros((n, dofs), np.float32),
-        "action": np.zeros((n, len(robot.ACTIONS)), np.float32),
-    }
-    for world, left in enumerate(lefts):
-        if left.broken is not None:
-            state[left.broken][world, 4] = np.nan
-    with wp.ScopedDevice(device):
-        progress, distance, level = (wp.full(n, value, dtype=float) for value in (0.0, 3.0, 0.5))
-        outcome, done = wp.zeros(n, dtype=wp.int32), wp.zeros(n, dtype=bool)
-        straight = wp.zeros(n, dtype=float)
-        qpos, qvel, action = (wp.array(array) for array in state.values())
-        wp.launch(
-            episode._end_episodes,
-            dim=n,
-            inputs=[
-                qpos,
-                qvel,
-                action,
-                wp.array([left.way for left in lefts], dtype=wp.vec2),
-                wp.array([left.bend for left in lefts], dtype=wp.int32),
-                wp.array([[part == left.part for part in robot.PARTS] for left in lefts], dtype=bool),
-                TOLERANCE,
-                LIMIT,
-                stop_on_collision,
-                UP,
-                DOWN,
-                wp.array([left.length for left in lefts], dtype=wp.int32),
-                distance,
-                level,
-            ],
-            outputs=[progress, straight, wp.zeros_like(qpos), wp.zeros_like(qvel), outcome, done],
-        )
-    assert (done.numpy() == (outcome.numpy() != RUNNING)).all()
-    return outcome.numpy().tolist(), level.numpy(), progress.numpy(), straight.numpy()
-
 
 AT_GOAL = (0.2, -0.2)
 CASES = [
@@ -88,21 +30,23 @@ LEVELS = {RUNNING: 0.5, SUCCESS: 0.6}
 
 
 def test_outcome_and_level(device):
-    outcome, level, *_ = end([left for left, _ in CASES], device)
-    assert outcome == [wanted for _, wanted in CASES]
-    np.testing.assert_allclose(level, [LEVELS.get(wanted, 0.45) for _, wanted in CASES])
+    ended = end_step([left for left, _ in CASES], device)
+    assert ended["outcome"].tolist() == [wanted for _, wanted in CASES]
+    np.testing.assert_allclose(ended["level"], [LEVELS.get(wanted, 0.45) for _, wanted in CASES])
 
 
 def test_without_a_stop_collisions_end_nothing(device):
     """The same steps, had nothing been touched."""
     lefts = [left for left, _ in CASES]
-    untouched = end([replace(left, part=None) for left in lefts], device)
-    for ours, theirs in zip(end(lefts, device, stop_on_collision=False), untouched, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+    untouched = end_step([replace(left, part=None) for left in lefts], device)
+    for name, ours in end_step(lefts, device, stop_on_collision=False).items():
+        np.testing.assert_array_equal(ours, untouched[name], err_msg=name)
 
 
 @pytest.mark.parametrize(("bend", "to_go"), [(0, 1.0), (1, 1.4)])
 def test_progress_is_of_the_way_through_the_corridor(device, bend, to_go):
-    """0.6 and 0.8 m to go: 1 m straight, 1.4 m along two legs; 3 m before the step."""
-    _, _, progress, straight = end([Left(way=(0.6, -0.8), bend=bend)], device)
-    assert straight == pytest.approx(1.0) and progress == pytest.approx(3.0 - to_go)
+    """0.6 and 0.8 m to go: 1 m straight, 1.4 m along two legs."""
+    ended = end_step([Left(way=(0.6, -0.8), bend=bend)], device)
+    assert ended["straight"] == pytest.approx(1.0)
+    assert ended["distance"] == pytest.approx(to_go)  # for the next step's progress
+    assert ended["progress"] == pytest.approx(BEFORE_M - to_go)

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What the robot does by itself in a fetch: scripts between the policies, and a firm grip on the way back.
 
 Phases are in `fetch_phases.py`; here their commands become actions, at limited rates.

@@ -1,5 +1,5 @@
-# pyright: reportGeneralTypeIssues=false
-# (to a type checker, a Warp struct is an object, not a class)
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """The scripts of a fetch, phase by phase: align, retract and place.
 
 A script is a row of phases; each commands base speeds and joint targets, and ends when they are reached.
