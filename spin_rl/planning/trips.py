@@ -5,7 +5,6 @@ Needs the `planner` extra (SciPy), as the planner does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
@@ -87,9 +86,9 @@ class _Robot:
         self._data = mujoco.MjData(self._model)
         self._slots = [self._model.geom(name).id for name in scene.pool.geom_names()]
 
-    def is_clear(self, pose: np.ndarray, joints: Sequence[float]) -> bool:
+    def is_clear(self, pose: np.ndarray, joints: np.ndarray) -> bool:
         """Whether a base pose (x, y, yaw) with joints in `robot.JOINTS` order is clear."""
-        values = dict(zip(robot.JOINTS, joints, strict=True))
+        values = {str(joint): float(at) for joint, at in zip(robot.JOINTS, joints, strict=True)}
         self._data.qpos[:] = robot.qpos_from_joints(self._model, values)
         self._data.qpos[:3] = pose
         mujoco.mj_kinematics(self._model, self._data)
@@ -102,7 +101,7 @@ class _Robot:
         return all(self.is_clear(np.array([*place, yaw]), _STOWED) for yaw in _YAWS)
 
 
-_STOWED = [robot.STOWED[joint] for joint in robot.JOINTS]
+_STOWED = np.array([robot.STOWED[joint] for joint in robot.JOINTS])
 
 
 def _draw_places(scene: Scene, robot_here: _Robot, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -154,6 +153,6 @@ def _draw_joints(
         if robot_here.is_clear(pose, joints):
             return joints
     camera = [robot.JOINTS.index(joint) for joint in robot.CAMERA_JOINTS]
-    stowed = np.array(_STOWED)
+    stowed = _STOWED.copy()
     stowed[camera] = rng.uniform(low, high)[camera]
     return stowed
