@@ -30,6 +30,8 @@ _YAWS = np.linspace(-np.pi, np.pi, 24, endpoint=False)
 _ROUNDS = 20
 _DRAWN = 500
 """So many places are drawn so often, before the scene counts as too full."""
+_SPARE = 10
+"""Places more than are needed, since a goal must be far from its start."""
 _JOINT_TRIES = 16
 _TRACK_M = 0.6
 """What starts and goals keep from where things move."""
@@ -56,8 +58,8 @@ def draw_trips(scene: Scene, count: int, params: GeneratorParams, *, seed: int) 
     """
     rng = np.random.default_rng(seed)
     robot_here = _Robot(scene)
-    places = _draw_places(scene, robot_here, 2 * count, rng)
-    starts, goals = places[:count], _far_from(places[:count], places[count:], rng)
+    places = _draw_places(scene, robot_here, 2 * count + _SPARE, rng)
+    starts, goals = places[:count], _draw_goals(places, count, rng)
     trips = []
     for start, goal in zip(starts, goals, strict=True):
         pose = np.array([*start, rng.uniform(-np.pi, np.pi)])
@@ -84,7 +86,8 @@ class _Robot:
         self._model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_OVERRIDE
         self._model.opt.o_margin = MARGIN_M
         self._data = mujoco.MjData(self._model)
-        self._slots = [self._model.geom(name).id for name in scene.pool.geom_names()]
+        names = zip(scene.pool.geom_names(), scene.active, strict=True)
+        self._slots = [self._model.geom(name).id for name, is_there in names if is_there]
 
     def is_clear(self, pose: np.ndarray, joints: np.ndarray) -> bool:
         """Whether a base pose (x, y, yaw) with joints in `robot.JOINTS` order is clear."""
@@ -131,16 +134,15 @@ def _is_calm(scene: Scene, place: np.ndarray) -> bool:
     return True
 
 
-def _far_from(starts: np.ndarray, goals: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Give every start a goal that is far enough, each goal once where that works out."""
-    everything = np.concatenate([goals, starts])
-    result = []
-    for start, goal in zip(starts, goals, strict=True):
-        far = everything[np.linalg.norm(everything - start, axis=1) >= SHORTEST_M]
+def _draw_goals(places: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Give each of the first places another one that is far enough, shape (count, 2)."""
+    goals = []
+    for start in places[:count]:
+        far = places[np.linalg.norm(places - start, axis=1) >= SHORTEST_M]
         if len(far) == 0:
             raise ValueError(f"scene: no two places with a way lie {SHORTEST_M} m apart")
-        result.append(goal if np.linalg.norm(goal - start) >= SHORTEST_M else rng.choice(far))
-    return np.array(result)
+        goals.append(rng.choice(far))
+    return np.array(goals)
 
 
 def _draw_joints(

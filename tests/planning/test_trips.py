@@ -73,3 +73,9 @@ def test_a_goal_behind_walls_has_no_way_and_a_closet_no_trips():
     assert trips.has_way(parse_scene(closet | {"walls": BOX[:2]}))
     with pytest.raises(ValueError, match=r"^scene: "):
         trips.draw_trips(parse_scene(closet), 2, PARAMS, seed=0)
+
+
+def test_an_empty_floor_has_trips():
+    floor = parse_scene({"start": {"position": [0, 0]}, "goal": [3, 3]})
+    (trip,) = trips.draw_trips(floor, 1, PARAMS, seed=0)
+    assert np.linalg.norm(trip.goal - trip.start[:2]) >= trips.SHORTEST_M
