@@ -92,7 +92,6 @@ def test_without_a_way_the_straight_line_counts_at_first_and_later_nothing(devic
     distance, steps = begin(ways, [(-0.8, -0.7)] * 2, device)
     np.testing.assert_allclose(distance, 2.0, atol=1e-5)
     np.testing.assert_allclose(steps, limit_s(2.0) / PERIOD_S, atol=1.0)
-    ways.field.goal.fill_(0.0)
     ended = end_step([Left(way=(1.0, 0.0), length=0)], device, ways=ways)
     assert ended["progress"] == 0.0 and ended["distance"] == BEFORE_M and ended["straight"] == 1.0
 
