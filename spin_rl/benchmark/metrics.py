@@ -80,6 +80,19 @@ class ReachEpisodes(Episodes):
 
 
 @dataclass
+class DriveEpisodes(ReachEpisodes):
+    """How episodes of the navigation task ended, and how far they drove.
+
+    Attributes:
+        way: Length of the way to the goal at the start [m], shape (n,).
+        driven: Path that the base drove [m], shape (n,).
+    """
+
+    way: np.ndarray
+    driven: np.ndarray
+
+
+@dataclass
 class PickEpisodes(Episodes):
     """How episodes of the pick task ended.
 
@@ -90,6 +103,18 @@ class PickEpisodes(Episodes):
 
     distance: np.ndarray
     hard_peak: np.ndarray
+
+
+def spl(success: np.ndarray, way: np.ndarray, driven: np.ndarray) -> float:
+    """Success weighted by path length (Anderson et al. 2018): 1 where all succeed and none makes a detour.
+
+    Args:
+        success: Which episodes succeeded, shape (n,), bool.
+        way: Length of the shortest way [m], shape (n,).
+        driven: Path that was driven [m], shape (n,).
+    """
+    # Who starts at the goal has nothing to drive.
+    return float(np.where(success, way / np.maximum(np.maximum(way, driven), 1e-6), 0.0).mean())
 
 
 def _rates(episodes: Episodes, control_period: float) -> dict[str, Any]:
@@ -138,6 +163,12 @@ def summarize(episodes: ReachEpisodes, control_period: float) -> dict[str, Any]:
         "final_distance_m": float(episodes.distance.mean()),
         "causes": _shares_of_failures(episodes, causes),
     }
+
+
+def summarize_drives(episodes: DriveEpisodes, control_period: float) -> dict[str, Any]:
+    """Compute the figures of one row of a benchmark of the navigation task: `summarize` with `spl`."""
+    success = episodes.outcome == episode.SUCCESS
+    return summarize(episodes, control_period) | {"spl": spl(success, episodes.way, episodes.driven)}
 
 
 def summarize_picks(episodes: PickEpisodes, control_period: float) -> dict[str, Any]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
-from spin_rl.benchmark.metrics import ReachEpisodes, summarize
-from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_rounds, run_seeds
+from spin_rl.benchmark.drives import describe_drives, run_drives
+from spin_rl.benchmark.metrics import DriveEpisodes, summarize_drives
+from spin_rl.benchmark.rounds import Announce, check_counts, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
@@ -61,8 +61,8 @@ def evaluate_reach(
         report: Receives lines of progress.
 
     Returns:
-        `policy`, `benchmark`, `rows` (see `metrics.summarize`, with `scenario` and `difficulty`), and the
-        settings under which the rows were measured.
+        `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and
+        the settings under which the rows were measured.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.
@@ -82,7 +82,8 @@ def evaluate_reach(
         report=report,
     )
     rows = [
-        {"scenario": cell.scenario, "difficulty": cell.difficulty} | summarize(group, cfg.sim.control_period)
+        {"scenario": cell.scenario, "difficulty": cell.difficulty}
+        | summarize_drives(group, cfg.sim.control_period)
         for cell, group in zip(cells, groups, strict=True)
     ]
     return {
@@ -90,10 +91,7 @@ def evaluate_reach(
         "benchmark": "reach",
         "rows": rows,
         "episodes_per_seed": episodes,
-        "goal_tolerance_m": cfg.goal_tolerance_m,
-        "scandots": asdict(cfg.scandots),
-        "noise": asdict(cfg.noise),
-        **describe_task(cfg),
+        **describe_drives(cfg),
         **facts,
     }
 
@@ -118,7 +116,7 @@ def run_cells(
     episodes: int,
     *,
     report: Callable[[str], None] = print,
-) -> list[ReachEpisodes]:
+) -> list[DriveEpisodes]:
     """Run exactly `episodes` episodes of every cell, see `rounds.run_rounds`.
 
     Args:
@@ -139,11 +137,4 @@ def run_cells(
                 [DIFFICULTIES.index(cells[c].difficulty) for c in chosen],
             )
 
-    def measure() -> dict[str, torch.Tensor]:
-        assert env.last_transition is not None
-        return {"distance": env.last_transition.goal_distance, "parts": env.sim.views.part_contacts}
-
-    # Cells alternate, so that every round has about the same mix of short and long episodes.
-    queue = np.tile(np.arange(len(cells)), episodes)
-    everything = run_rounds(env, policy, queue, prepare, measure, ReachEpisodes, report=report)
-    return [everything.select(queue == c) for c in range(len(cells))]
+    return run_drives(env, policy, len(cells), episodes, prepare, report=report)

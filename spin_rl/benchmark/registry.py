@@ -11,9 +11,12 @@ from typing import Any
 from spin_rl.benchmark.fetch import evaluate_fetch
 from spin_rl.benchmark.pick import evaluate_pick
 from spin_rl.benchmark.reach import evaluate_reach
+from spin_rl.benchmark.rooms import evaluate_rooms
+from spin_rl.benchmark.scenes import evaluate_scenes
 from spin_rl.benchmark.tables import fetch as fetch_report
 from spin_rl.benchmark.tables import pick as pick_report
 from spin_rl.benchmark.tables import reach as report
+from spin_rl.benchmark.tables import rooms as places
 from spin_rl.config import ConfigError
 
 
@@ -26,10 +29,11 @@ class Benchmark:
         task: The task that it measures, a file in conf/task.
         scene: Its distribution of scenes, a file in conf/scene.
         evaluate: Runs it: policy factory, task configuration, episodes, seeds and device, and by keyword
-            `num_envs`, `announce` and the name of each policy that takes turns, such as `policy_name`; where
-            the task has scene files also `scene` and `scene_name`. Returns the result.
+            `num_envs`, `announce` and the name of each policy that takes turns, such as `policy_name`; with
+            `scene_files` also `scene` and `scene_name`. Returns the result.
         table: Formats a result for the terminal.
         headline: One line that sums a result up.
+        scene_files: Whether it can be run in a scene file.
     """
 
     name: str
@@ -38,10 +42,15 @@ class Benchmark:
     evaluate: Callable[..., dict[str, Any]]
     table: Callable[[dict[str, Any]], str]
     headline: Callable[[dict[str, Any]], str]
+    scene_files: bool = False
 
 
 _ALL = (
-    Benchmark("reach", "nav", "nav", evaluate_reach, report.table, report.headline),
+    Benchmark("reach", "nav", "nav", evaluate_reach, report.table, report.headline, scene_files=True),
+    Benchmark("rooms", "nav", "mixture", evaluate_rooms, places.table, places.headline),
+    Benchmark(
+        "scenes", "nav", "nav", evaluate_scenes, places.scenes_table, places.headline, scene_files=True
+    ),
     Benchmark("pick", "pick", "tabletop", evaluate_pick, pick_report.table, pick_report.headline),
     Benchmark("fetch", "fetch", "fetch", evaluate_fetch, fetch_report.table, fetch_report.headline),
     Benchmark(

@@ -35,7 +35,13 @@ def for_policy(
     asked = {override.lstrip("+~").partition("=")[0] for override in overridden}
     source = OmegaConf.create(dict(trained or {}))
     # What defines a policy's body and inputs; everything else is the benchmark's.
-    keys = ["robot.profile", "task.camera_mount", "task.camera_pose", "task.pick_range_m"]
+    keys = [
+        "robot.profile",
+        "task.camera_mount",
+        "task.camera_pose",
+        "task.pick_range_m",
+        "task.goal_range_m",
+    ]
     sections = ["task.scandots", "task.sight", "task.manipulation", "task.depth"]
     if OmegaConf.select(source, "task.depth.enabled"):
         sections.append("depth.filter")

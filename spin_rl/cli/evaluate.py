@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +14,7 @@ from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.files import write_json
+from spin_rl.planning.trips import has_way
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -22,6 +23,9 @@ _ANALYSED = "reach"
 """The benchmark that the analyses look into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
 """The analysis of the camera runs the benchmark a dozen times."""
+_TRIPS = "scenes"
+"""The benchmark that draws starts and goals in scene files."""
+_TRIP_COUNTS = {"starts": 50, "seeds": [0]}
 _TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "camera")
 """Overrides that a replay by spin-play needs as well."""
 _PLOTS = (".png", ".pdf", ".svg")
@@ -53,6 +57,7 @@ class Options:
         pick: The one that picks in a fetch; None takes the shipped one that sees what `policy` sees.
         benchmark: The benchmark.
         episodes: Per seed, in corridors also per cell.
+        starts: Trips per scene and seed in place of `episodes`, or None.
         seeds: Of scenes, start poses and goals.
         num_envs: Most worlds at once, or None.
         device: "cpu" or "cuda:N".
@@ -68,6 +73,7 @@ class Options:
     pick: common.PolicyName | None
     benchmark: benchmarks.Benchmark
     episodes: int
+    starts: int | None
     seeds: tuple[int, ...]
     num_envs: int | None
     device: str
@@ -116,6 +122,8 @@ Measured = tuple[Any, dict[str, Any]]
 
 def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) -> Measured:
     scene = common.load_scene_file(options.scene_file)
+    if scene is not None and options.starts is None and find_spec("scipy") and not has_way(scene):
+        print(f"scene: {options.scene_file}: the planner finds no way from the start to the goal")
     fixed = {} if options.scene_file is None else {"scene": scene, "scene_name": options.scene_file.name}
     result = options.benchmark.evaluate(
         source.make,
@@ -175,24 +183,44 @@ def read_options(call: common.Call) -> Options:
         ConfigError: One line that names the key.
     """
     values = call.values
+    asked = _TRIPS if values["benchmark"] is None and values["starts"] is not None else values["benchmark"]
+    benchmark = benchmarks.find(asked, values["task"]["name"])
+    counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
     if values["analysis"] == "camera":
-        given = {override.partition("=")[0] for override in call.overrides}
-        values = values | {key: value for key, value in _ANALYSIS_COUNTS.items() if key not in given}
-    benchmark = benchmarks.find(values["benchmark"], values["task"]["name"])
+        counts = _ANALYSIS_COUNTS
+    given = {override.partition("=")[0] for override in call.overrides}
+    values = values | {key: value for key, value in counts.items() if key not in given}
     device = common.resolve_device(values["device"])
     found = {"benchmark": benchmark, "device": device, "overrides": tuple(call.overrides)}
     options = from_keys(Options, values | found)
+    if options.starts is not None:
+        _check_trips(options)
+        options = replace(options, episodes=options.starts)
     _check(options, find_task(benchmark.task))
     common.make_folder_of(options.out, f"{benchmark.name}.json")
     return options
 
 
+def _check_trips(options: Options) -> None:
+    """Reject what does not go with random starts in scene files."""
+    if options.benchmark.name != _TRIPS:
+        raise ConfigError(f"starts: benchmark={options.benchmark.name} draws its own; see benchmark={_TRIPS}")
+    if options.starts is not None and options.starts < 1:
+        raise ConfigError(f"starts: at least 1 is needed, got {options.starts}")
+    for override in options.overrides:
+        if override.startswith("episodes="):
+            raise ConfigError(f"episodes: benchmark={_TRIPS} drives every trip once, starts= is their number")
+        if override.startswith("scene="):
+            raise ConfigError(f"scene: benchmark={_TRIPS} runs in scene files, not in {override}")
+
+
 def _check(options: Options, spec: TaskSpec) -> None:
     """Reject options that do not go with the benchmark or with each other."""
-    if options.scene_file is not None and not spec.scene_files:
-        raise ConfigError(f"scene: {options.scene_file} needs {_those(lambda spec: spec.scene_files)}")
+    if options.scene_file is not None and not options.benchmark.scene_files:
+        raise ConfigError(f"scene: {options.scene_file} needs {_those(lambda known: known.scene_files)}")
     if options.pick is not None and "pick" not in spec.policies:
-        raise ConfigError(f"pick: {options.pick} needs {_those(lambda spec: 'pick' in spec.policies)}")
+        takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
+        raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
     if options.analysis is None:
         if options.plot is not None:
             raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
@@ -204,13 +232,13 @@ def _check(options: Options, spec: TaskSpec) -> None:
     if options.plot is not None:
         if options.plot.suffix not in _PLOTS:
             raise ConfigError(f"plot: expected a .png, .pdf or .svg file, got {str(options.plot)!r}")
-        if importlib.util.find_spec("matplotlib") is None:
+        if find_spec("matplotlib") is None:
             raise ConfigError("plot: needs matplotlib: pip install 'spin-rl[plots]'")
 
 
-def _those(fits: Callable[[TaskSpec], bool]) -> str:
-    """Name the benchmarks of tasks that fit."""
-    names = [name for name, benchmark in benchmarks.BENCHMARKS.items() if fits(find_task(benchmark.task))]
+def _those(fits: Callable[[benchmarks.Benchmark], bool]) -> str:
+    """Name the benchmarks that fit."""
+    names = [name for name, benchmark in benchmarks.BENCHMARKS.items() if fits(benchmark)]
     return " or ".join(f"benchmark={name}" for name in names)
 
 

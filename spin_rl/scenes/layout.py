@@ -6,6 +6,7 @@ the floor at z = 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -272,6 +273,14 @@ class Layout:
             values = array.numpy()
             values[rows] = getattr(fitted, name)
             array.assign(values)
+
+    def load_each(self, scenes: Sequence[Scene]) -> None:
+        """Copy a host scene into every world, see `load`; shape (nworld,)."""
+        fitted = [_fit(scene, self.pool) for scene in scenes]
+        for name in self._PER_WORLD:
+            array = getattr(self, name)
+            values = np.stack([getattr(scene, name) for scene in fitted])
+            array.assign(values.astype(array.numpy().dtype))
 
 
 def _fit(scene: Scene, pool: PoolSpec) -> Scene:

@@ -7,6 +7,7 @@ from spin_rl.benchmark.metrics import (
     Episodes,
     PickEpisodes,
     ReachEpisodes,
+    spl,
     summarize,
     summarize_picks,
     wilson_interval,
@@ -33,6 +34,12 @@ def test_wilson_ends_are_exact():
 def test_wilson_rejects_impossible_counts(successes, count):
     with pytest.raises(ValueError, match="no interval"):
         wilson_interval(successes, count)
+
+
+def test_spl_of_detours_failures_and_a_start_at_the_goal():
+    success, way = np.array([True, True, False, True]), np.array([2.0, 2.0, 2.0, 0.0])
+    # A way of nothing counts 0: there was nothing to plan.
+    assert spl(success, way, np.array([4.0, 1.8, 1.0, 0.3])) == pytest.approx((0.5 + 1.0) / 4)
 
 
 def make_episodes(rows):

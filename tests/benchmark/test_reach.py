@@ -6,6 +6,7 @@ import torch
 
 from spin_rl import robot
 from spin_rl.benchmark import policies, reach, rounds
+from spin_rl.benchmark.metrics import spl
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.scene_file import load_scene
@@ -53,6 +54,7 @@ class FakeEnv:
         parts = torch.zeros(self.num_envs, len(robot.PARTS), dtype=torch.bool)
         parts[:, BASE] = crash
         parts[:, ARM] = success  # so that the bookkeeping's choice of step shows
+        self.final_way, self.final_driven = torch.ones(self.num_envs), torch.full((self.num_envs,), 2.0)
         self.sim = SimpleNamespace(views=SimpleNamespace(part_contacts=parts))
         self.age[done] = 0
         self.episode[done] += 1
@@ -85,6 +87,7 @@ def test_first_episodes_only_and_exact_counts(num_envs, episodes):
         # A second episode would be a collision after one step.
         assert (group.outcome == episode.SUCCESS).all()
         assert (group.steps == 2 + cell).all()
+        assert spl(group.outcome == episode.SUCCESS, group.way, group.driven) == 0.5
         assert group.distance == pytest.approx(0.01 * cell)
         assert group.parts[:, ARM].all() and not group.parts[:, BASE].any()
     rounds = -(-6 * episodes // num_envs)

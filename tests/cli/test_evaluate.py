@@ -19,7 +19,7 @@ def run_main(monkeypatch, *arguments):
         ([], "policy"),
         (
             ["policy=zero", "benchmark=dance"],
-            "benchmark: unknown 'dance'; choose from reach, pick, fetch, place",
+            "benchmark: unknown 'dance'; choose from reach, rooms, scenes, pick, fetch, place",
         ),
         (["policy=zero", "episodes=0"], "episodes: at least 1"),
         (["policy=zero", "episodes=many"], "episodes: expected a whole number"),
@@ -33,6 +33,12 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "task.episode_s=-1"], "task.episode_s must exceed"),
         (["policy=zero", "robot.profile=jet"], "robot: unknown profile 'jet'"),
         (["policy=zero", "epsiodes=3"], "epsiodes"),
+        (["policy=zero", "benchmark=rooms", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach or"),
+        (["policy=zero", "benchmark=rooms", "scene=nav"], "scene: benchmark=rooms needs scene=mixture or"),
+        (["policy=zero", "benchmark=reach", "starts=3"], "starts: benchmark=reach draws its own"),
+        (["policy=zero", "scene=lab.yaml", "starts=0"], "starts: at least 1"),
+        (["policy=zero", "benchmark=scenes", "episodes=3"], "episodes: benchmark=scenes drives every trip"),
+        (["policy=zero", "benchmark=scenes", "scene=room"], "scene: benchmark=scenes runs in scene files"),
         (
             ["policy=nav-cvo", "benchmark=pick"],
             "policy: nav-cvo was trained with task=nav, which is not task=pick",

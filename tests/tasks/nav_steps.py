@@ -8,7 +8,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.tasks.common.episode import RUNNING, StepEnd
-from spin_rl.tasks.nav.episode import NavRules, end_episodes
+from spin_rl.tasks.nav.episode import NavRules, end_episodes, make_trips
 from spin_rl.tasks.nav.ways import corridor_ways
 
 TOLERANCE, LIMIT = 0.3, 100
@@ -63,6 +63,7 @@ def end_step(lefts, device, *, stop_on_collision=True, ways=None) -> dict[str, n
                 wp.array([left.length for left in lefts], dtype=wp.int32),
                 distance,
                 level,
+                make_trips(n, device),
             ],
             outputs=[progress, straight, ended],
         )

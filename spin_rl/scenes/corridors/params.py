@@ -225,6 +225,17 @@ ABSOLUTE_RANGES = ("start_lift", "start_arm_extension", "start_head_pan", "start
 """Those that are not relative to the stowed pose."""
 
 
+def start_ranges(params: GeneratorParams) -> tuple[list[float], list[float]]:
+    """Lowest and highest joint positions of a start, absolute and within the limits, `robot.JOINTS` order."""
+    ranges = []
+    for (name, joint), lower, upper in zip(
+        START_RANGES.items(), robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True
+    ):
+        offset = 0.0 if name in ABSOLUTE_RANGES else robot.STOWED[joint]
+        ranges.append([min(max(bound + offset, lower), upper) for bound in getattr(params, name)])
+    return [low for low, _ in ranges], [high for _, high in ranges]
+
+
 def _require(condition: bool, message: str) -> None:
     if not condition:
         raise ValueError(message)

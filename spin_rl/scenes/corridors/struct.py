@@ -8,7 +8,7 @@ from functools import lru_cache
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.corridors.params import ABSOLUTE_RANGES, START_RANGES, GeneratorParams
+from spin_rl.scenes.corridors.params import START_RANGES, GeneratorParams, start_ranges
 from spin_rl.scenes.footprint import vec8
 
 # Read by the kernel in motion.py, which draws them from random numbers of its own.
@@ -70,17 +70,7 @@ def params_struct(params: GeneratorParams) -> ParamsStruct:
             continue
         value = getattr(params, field.name)
         setattr(struct, field.name, wp.vec2(*value) if isinstance(value, tuple) else value)
-    stowed = [robot.STOWED[joint] for joint in robot.JOINTS]
-    ranges = [
-        [
-            min(max(bound + (0.0 if name in ABSOLUTE_RANGES else stowed[i]), lower), upper)
-            for bound in getattr(params, name)
-        ]
-        for i, (name, lower, upper) in enumerate(
-            zip(START_RANGES, robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True)
-        )
-    ]
-    struct.stowed = vec8(*stowed)
-    struct.start_low = vec8(*(low for low, _ in ranges))
-    struct.start_high = vec8(*(high for _, high in ranges))
+    struct.stowed = vec8(*(robot.STOWED[joint] for joint in robot.JOINTS))
+    low, high = start_ranges(params)
+    struct.start_low, struct.start_high = vec8(*low), vec8(*high)
     return struct

@@ -34,7 +34,13 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
 def build_scenes(
-    layout: Layout, params: FamilyParams, *, seed: wp.array, counter: wp.array, mask: wp.array
+    layout: Layout,
+    params: FamilyParams,
+    *,
+    seed: wp.array,
+    counter: wp.array,
+    mask: wp.array,
+    family_choice: wp.array | None = None,
 ) -> None:
     """Draw family, walls, furniture, motion and goal of the masked worlds' new scenes; graph-safe.
 
@@ -47,6 +53,7 @@ def build_scenes(
         seed: Random seed, shape (1,), int32.
         counter: Scenes drawn so far, shape (nworld,), int32; updated in place.
         mask: Worlds to rewrite, shape (nworld,), bool.
+        family_choice: Index of `kinds.FAMILIES`, -1 by shares, shape (nworld,), int32; None is -1 everywhere.
 
     Raises:
         ValueError: The layout's pool is not that of the parameters.
@@ -63,6 +70,7 @@ def build_scenes(
             layout.pool.first_cylinder,
             seed,
             mask,
+            family_choice,
         ],
         outputs=[
             counter,
@@ -109,6 +117,7 @@ def _build(
     # In
     seed: wp.array(dtype=wp.int32),
     mask: wp.array(dtype=bool),
+    family_choice: wp.array(dtype=wp.int32),
     # In and out
     counter: wp.array(dtype=wp.int32),
     # Out
@@ -140,6 +149,8 @@ def _build(
     # A share of 0 is never drawn, not even the last one.
     while family < 5 and u >= q.shares[family]:
         family += 1
+    if family_choice.shape[0] > 0 and family_choice[world] >= 0:
+        family = family_choice[world]
     inner = int(wp.rand_init(stream, 1))
     if family == _CORRIDOR:
         site = build_corridor(world, p, q, inner, site, slots)

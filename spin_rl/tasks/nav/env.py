@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.planning.distance_field import DistanceField
+from spin_rl.planning.distance_field import DistanceField, GridSpec
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import build_scenes
 from spin_rl.scenes.rooms.params import FamilyParams
 from spin_rl.scenes.rooms.start import place_starts
 from spin_rl.sensors.clearance import Clearance
+from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
 from spin_rl.tasks.common.episode import SUCCESS
@@ -22,13 +25,18 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
-from spin_rl.tasks.nav.ways import corridor_ways, family_ways, most_steps
+from spin_rl.tasks.nav.ways import corridor_ways, field_ways, most_steps
 
 
 class NavEnv(CorridorEnv):
     """Navigation in all worlds at once; what a step does is described in `TaskEnv`.
 
     The observation groups are documented in `observations.py`.
+
+    Attributes:
+        final_way: Way to the goal at the start of the episode that the last step belongs to [m], a view,
+            shape (num_envs,).
+        final_driven: Path that the base drove in it up to that step [m], likewise.
     """
 
     cfg: NavConfig
@@ -41,7 +49,7 @@ class NavEnv(CorridorEnv):
         device: str = "cpu",
         seed: int = 0,
         *,
-        scene: Scene | None = None,
+        scene: Scene | Sequence[Scene] | None = None,
         capture: bool = True,
     ) -> None:
         """Allocate all worlds, compile kernels and start every episode.
@@ -51,31 +59,33 @@ class NavEnv(CorridorEnv):
             num_envs: Number of worlds.
             device: Warp and Torch device.
             seed: Seed of layouts, start poses, dynamics and sensor noise.
-            scene: A fixed scene for every world and episode instead of generated ones.
+            scene: A fixed scene for every world and episode instead of generated ones; or several for the
+                worlds in turn: then ways and time limits are as in scene families, see `set_scenes`.
             capture: False launches kernels eagerly.
         """
+        fixed = [scene] if isinstance(scene, Scene) else list(scene or ())
         super().__init__(
             cfg,
             num_envs,
             device,
             seed,
-            pool=_pool(cfg) if scene is None else scene.pool,
+            pool=_pool(cfg, fixed),
             terms=TERMS,
             camera_action=[
                 robot.action_of(joint, at)
                 for joint, at in zip(robot.CAMERA_JOINTS, cfg.camera_pose or (), strict=False)
             ],
-            moving=(scene or cfg.scene).moves,
+            moving=any(given.moves for given in fixed or (cfg.scene,)),
         )
-        self._scene = scene
+        self._is_fixed = bool(fixed)
         self._layout_params = with_camera_at(cfg.scene, cfg.camera_pose)
-        if scene is not None:
-            self.sim.layout.load(scene)
         with wp.ScopedDevice(device):
             self._distance = wp.zeros(num_envs, dtype=float)
             self._progress = wp.zeros(num_envs, dtype=float)
             self._goal_distance = wp.zeros(num_envs, dtype=float)
-        self._make_ways(cfg)
+            self._family_choice = wp.full(num_envs, -1, dtype=wp.int32)
+        self._trips = episode.make_trips(num_envs, device)
+        self._make_ways(cfg, scene)
         self._rules = rules_of(episode.NavRules, cfg, level_up=self._moves.up, level_down=self._moves.down)
         self._make_corridors(cfg)
         needs_clearance = "clearance" in self._reward_scales
@@ -87,28 +97,38 @@ class NavEnv(CorridorEnv):
         self._make_views()
         self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
 
-    def _make_ways(self, cfg: NavConfig) -> None:
-        """Make what says how far the goal is: a distance field for scene families, else the corridor."""
+    def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
+        """Make what says how far the goal is: a distance field, or corridors' shape."""
         layout = self.sim.layout
         self._field = None
-        if self._scene is not None or not isinstance(cfg.scene, FamilyParams):
+        if isinstance(scene, Scene):
+            layout.load(scene)
+        if isinstance(scene, Scene) or (scene is None and not isinstance(cfg.scene, FamilyParams)):
             self._ways = corridor_ways(layout, self.max_episode_length)
             return
-        self._field = DistanceField(layout, self.device)
-        self._ways = family_ways(
+        grid = GridSpec() if scene is None else GridSpec.around(scene)
+        # A fixed scene's ways are no longer than twice around it.
+        longest = cfg.scene.way[1] if isinstance(cfg.scene, FamilyParams) else 0.0
+        longest = longest if scene is None else 4.0 * (grid.nx + grid.ny) * grid.cell_m
+        self._field = DistanceField(layout, self.device, grid)
+        self._ways = field_ways(
             layout,
             self._field,
-            cfg.scene,
             robot.SPEED_PROFILES[cfg.robot_profile],
+            longest_m=longest,
             period=cfg.sim.control_period,
             slack_s=cfg.slack_s,
             slowness=cfg.slowness,
         )
         self.max_episode_length = most_steps(self._ways, cfg.dynamics.speed_scale[0])
+        if scene is not None:
+            self.set_scenes([scene[world % len(scene)] for world in range(self.num_envs)])
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
         self._goal_distance_view = wp.to_torch(self._goal_distance)
+        self.final_way = wp.to_torch(self._trips.final_way)
+        self.final_driven = wp.to_torch(self._trips.final_driven)
         # The goal before the step: worlds that ended have new ones when rewards are computed.
         self._goal_before = torch.zeros_like(self.goal)
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
@@ -129,6 +149,7 @@ class NavEnv(CorridorEnv):
                 self._episode_length,
                 self._distance,
                 self._level,
+                self._trips,
             ],
             outputs=[self._progress, self._goal_distance, self._end],
         )
@@ -136,12 +157,14 @@ class NavEnv(CorridorEnv):
     def _draw_scenes(self, mask: wp.array) -> None:
         layout, params = self.sim.layout, self._layout_params
         draw = {"seed": self._seed, "counter": self._layout_counter, "mask": mask}
+        if self._is_fixed:
+            return
         if self._field is not None:
             assert isinstance(params, FamilyParams)
-            build_scenes(layout, params, **draw)
+            build_scenes(layout, params, **draw, family_choice=self._family_choice)
             self._field.update(layout.goal, mask)
             place_starts(layout, params, self._field.field, **draw)
-        elif self._scene is None:
+        else:
             generate_layouts(
                 layout,
                 params,
@@ -158,8 +181,27 @@ class NavEnv(CorridorEnv):
             episode.begin_episodes,
             dim=self.num_envs,
             inputs=[mask, sim.data.qpos, self._goal, sim.dynamics.speed_scale],
-            outputs=[self._ways, self._distance],
+            outputs=[self._ways, self._trips, self._distance],
         )
+
+    def set_families(self, families: torch.Tensor | list[int]) -> None:
+        """Fix the family of every world, from its next episode on.
+
+        Args:
+            families: Index of `kinds.FAMILIES`, -1 by shares, shape (num_envs,).
+        """
+        wp.to_torch(self._family_choice).copy_(torch.as_tensor(families, dtype=torch.int32))
+
+    def set_scenes(self, scenes: Sequence[Scene]) -> None:
+        """Put a scene into every world of an environment that was made with several, from a reset on.
+
+        Args:
+            scenes: One for each world, with no more slots and no larger than those that it was made with.
+        """
+        assert self._field is not None
+        self.sim.layout.load_each(scenes)
+        with torch_order(self.device):
+            self._field.update(self.sim.layout.goal, self._all)
 
     def _before_step(self) -> None:
         self._goal_before.copy_(self.goal)
@@ -182,6 +224,9 @@ class NavEnv(CorridorEnv):
         )
 
 
-def _pool(cfg: NavConfig) -> PoolSpec:
-    """Scene geoms that generated scenes need."""
+def _pool(cfg: NavConfig, fixed: Sequence[Scene]) -> PoolSpec:
+    """Scene geoms that fixed scenes need, or generated ones if there are none."""
+    if fixed:
+        counts = ("num_walls", "num_boxes", "num_cylinders")
+        return PoolSpec(**{name: max(getattr(scene.pool, name) for scene in fixed) for name in counts})
     return cfg.scene.pool if isinstance(cfg.scene, FamilyParams) else PoolSpec()

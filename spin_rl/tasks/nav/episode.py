@@ -2,6 +2,8 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Kernels that end and begin navigation episodes on the device."""
 
+from typing import Any
+
 import warp as wp
 
 from spin_rl.tasks.common.episode import (
@@ -30,6 +32,29 @@ class NavRules:
     level_down: float
 
 
+@wp.struct
+class Trips:
+    """How long the way was at every world's start and how far its base drove [m], shape (nworld,) each.
+
+    ``way``, ``driven`` and ``place``, the base's last position, are those of the running episode;
+    ``final_way`` and ``final_driven`` those at the end of the last step, before worlds that ended began anew.
+    """
+
+    way: wp.array[float]
+    driven: wp.array[float]
+    place: wp.array[wp.vec2]
+    final_way: wp.array[float]
+    final_driven: wp.array[float]
+
+
+@wp.func
+def drive_on(trips: Trips, w: int, x: float, y: float) -> None:
+    """Add the straight line from where a base was before the step to the path that it drove."""
+    place = wp.vec2(x, y)
+    trips.driven[w] = trips.driven[w] + wp.length(place - trips.place[w])
+    trips.place[w] = place
+
+
 @wp.kernel
 def end_episodes(
     # In
@@ -44,6 +69,7 @@ def end_episodes(
     episode_length: wp.array(dtype=wp.int32),
     distance: wp.array(dtype=float),
     level: wp.array(dtype=float),
+    trips: Trips,
     # Out
     progress_out: wp.array(dtype=float),
     goal_distance_out: wp.array(dtype=float),
@@ -69,12 +95,15 @@ def end_episodes(
         progress_out[w] = distance[w] - now
         goal_distance_out[w] = straight
         distance[w] = now
+        drive_on(trips, w, qpos[w, 0], qpos[w, 1])
         if touched and rules.stop_on_collision:
             outcome = COLLISION
         elif straight < rules.goal_tolerance_m:
             outcome = SUCCESS
         elif episode_length[w] >= ways.most_steps[w]:
             outcome = TIMEOUT
+    trips.final_way[w] = trips.way[w]
+    trips.final_driven[w] = trips.driven[w]
     put_outcome(w, outcome, end)
     move_level(w, outcome, rules.level_up, rules.level_down, level)
 
@@ -88,6 +117,7 @@ def begin_episodes(
     speed_scale: wp.array(dtype=float),
     # In and out
     ways: Ways,
+    trips: Trips,
     # Out
     distance_out: wp.array(dtype=float),
 ) -> None:
@@ -97,4 +127,17 @@ def begin_episodes(
         straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
         way = way_to_go(ways, w, qpos[w, 0], qpos[w, 1], goal[w], straight)
         distance_out[w] = way
+        trips.way[w] = way
+        trips.driven[w] = 0.0
+        trips.place[w] = wp.vec2(qpos[w, 0], qpos[w, 1])
         limit_time(ways, w, way, speed_scale[w])
+
+
+def make_trips(nworld: int, device: str) -> Any:
+    """Allocate the struct for a number of worlds."""
+    trips = Trips()
+    with wp.ScopedDevice(device):
+        for name in ("way", "driven", "final_way", "final_driven"):
+            setattr(trips, name, wp.zeros(nworld, dtype=float))
+        trips.place = wp.zeros(nworld, dtype=wp.vec2)
+    return trips

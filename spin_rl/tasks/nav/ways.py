@@ -9,7 +9,6 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.layout import Layout
-from spin_rl.scenes.rooms.params import FamilyParams
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field, field_at
 
 _LONGEST = 1.2
@@ -81,23 +80,23 @@ def corridor_ways(layout: Layout, episode_steps: int) -> Any:
     return ways
 
 
-def family_ways(
+def field_ways(
     layout: Layout,
     field: DistanceField,
-    scene: FamilyParams,
     profile: robot.SpeedProfile,
     *,
+    longest_m: float,
     period: float,
     slack_s: float,
     slowness: float,
 ) -> Any:
-    """Make the struct of scene families.
+    """Make the struct of scenes with a distance field.
 
     Args:
         layout: The scenes.
         field: Their distance fields.
-        scene: Parameters of the scenes.
         profile: Speed limits of the robot.
+        longest_m: Longest way that starts are drawn for [m].
         period: Control period [s].
         slack_s: Time that every episode has [s].
         slowness: How many times as long as the way takes at full speed it has besides.
@@ -106,10 +105,10 @@ def family_ways(
     ways.field = field.field
     ways.slack_steps = slack_s / period
     ways.steps_per_m = slowness / profile.forward_max / period
-    ways.longest_m = _LONGEST * scene.way[1]
+    ways.longest_m = _LONGEST * longest_m
     return ways
 
 
 def most_steps(ways: Any, slowest: float) -> int:
-    """The longest that an episode of scene families may take in control steps, at a factor on speeds."""
+    """The longest that an episode with a distance field may take in control steps, at a factor on speeds."""
     return int(ways.slack_steps + ways.steps_per_m * ways.longest_m / slowest)

@@ -10,8 +10,8 @@ from spin_rl.planning.distance_field import DistanceField, GridSpec
 from spin_rl.scenes.layout import Layout
 from spin_rl.scenes.rooms.params import FamilyParams
 from spin_rl.tasks.common.episode import RUNNING, TIMEOUT
-from spin_rl.tasks.nav.episode import begin_episodes
-from spin_rl.tasks.nav.ways import family_ways, most_steps
+from spin_rl.tasks.nav.episode import begin_episodes, make_trips
+from spin_rl.tasks.nav.ways import field_ways, most_steps
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE
 
 SCENE = FamilyParams(way=(0.5, 10.0))
@@ -31,7 +31,15 @@ def ways_with(detours, device):
     values = straight + np.array(detours)[:, None, None]
     field.field.values.assign(np.minimum(values, UNREACHABLE).astype(np.float32))
     field.field.goal.assign([GOAL] * len(detours))
-    return family_ways(layout, field, SCENE, PROFILE, period=PERIOD_S, slack_s=SLACK_S, slowness=SLOWNESS)
+    return field_ways(
+        layout,
+        field,
+        PROFILE,
+        longest_m=SCENE.way[1],
+        period=PERIOD_S,
+        slack_s=SLACK_S,
+        slowness=SLOWNESS,
+    )
 
 
 def begin(ways, at, device, *, speed_scale=None, mask=None):
@@ -50,7 +58,7 @@ def begin(ways, at, device, *, speed_scale=None, mask=None):
                 wp.array([GOAL] * n, dtype=wp.vec2),
                 wp.array([1.0] * n if speed_scale is None else speed_scale, dtype=float),
             ],
-            outputs=[ways, distance],
+            outputs=[ways, make_trips(n, device), distance],
         )
     return distance.numpy(), ways.most_steps.numpy()
 
