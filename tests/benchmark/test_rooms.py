@@ -43,4 +43,4 @@ def test_worlds_are_of_the_family_that_was_set(device):
 
 def test_corridors_of_the_paper_are_refused():
     with pytest.raises(ConfigError, match=r"^scene: benchmark=rooms needs scene=mixture"):
-        rooms.evaluate_rooms(None, NavConfig(), 1, [0], "cpu")
+        rooms.evaluate_rooms(policies.open_policy("zero").make, NavConfig(), 1, [0], "cpu")

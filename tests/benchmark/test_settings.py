@@ -39,6 +39,13 @@ def test_evaluation_is_nominal(cfg):
     assert task.dynamics.base_lag_s == (0.15, 0.15) and task.dynamics.joint_lag_s == (0.1, 0.1)
 
 
+def test_how_far_a_goal_is_shown_is_the_policys_own(cfg):
+    trained = {"task": {"goal_range_m": 4.0}}
+    assert NAV.configure(settings.for_policy(cfg, trained, [])).goal_range_m == 4.0
+    asked = settings.for_policy(cfg, trained, ["task.goal_range_m=null"])
+    assert NAV.configure(asked).goal_range_m is None
+
+
 def test_picks_are_evaluated_nominally_and_far_from_the_object():
     task = PICK.configure(compose("eval", ["task=pick"]))
     assert task.end_on_success and task.near_share == (0.0, 0.0) and task.episode_s == 7.0
