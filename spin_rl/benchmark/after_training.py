@@ -39,9 +39,9 @@ def evaluate_run(
     """
     source = policies.open_policy(str(run_dir))
     task = find_task(source.task or "nav")
-    benchmark = benchmarks.find(None, task.name)
     conditions = settings.conditions(overrides)
     cfg = settings.for_policy(compose("eval", [f"task={task.name}", *conditions]), source.trained, conditions)
+    benchmark = benchmarks.find(None, task.name, families="shares" in cfg["scene"])
     print(f"Evaluating {run_dir}: {benchmark.name}")
     result = benchmark.evaluate(
         source.make,

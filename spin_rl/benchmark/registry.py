@@ -34,6 +34,7 @@ class Benchmark:
         table: Formats a result for the terminal.
         headline: One line that sums a result up.
         scene_files: Whether it can be run in a scene file.
+        families: Whether its conditions are scene families.
     """
 
     name: str
@@ -43,11 +44,12 @@ class Benchmark:
     table: Callable[[dict[str, Any]], str]
     headline: Callable[[dict[str, Any]], str]
     scene_files: bool = False
+    families: bool = False
 
 
 _ALL = (
     Benchmark("reach", "nav", "nav", evaluate_reach, report.table, report.headline, scene_files=True),
-    Benchmark("rooms", "nav", "mixture", evaluate_rooms, places.table, places.headline),
+    Benchmark("rooms", "nav", "mixture", evaluate_rooms, places.table, places.headline, families=True),
     Benchmark(
         "scenes", "nav", "nav", evaluate_scenes, places.scenes_table, places.headline, scene_files=True
     ),
@@ -65,14 +67,19 @@ _ALL = (
 BENCHMARKS: Mapping[str, Benchmark] = MappingProxyType({benchmark.name: benchmark for benchmark in _ALL})
 
 
-def find(name: str | None, task: str) -> Benchmark:
+def find(name: str | None, task: str, *, families: bool = False) -> Benchmark:
     """Return the benchmark of a name, which measures a task; None takes the first of the task.
+
+    Args:
+        name: Its name, or None.
+        task: The task.
+        families: Whether scenes are of families: then None takes the first for them.
 
     Raises:
         ConfigError: There is no such benchmark, or it measures another task.
     """
     if name is None:
-        own = [benchmark for benchmark in BENCHMARKS.values() if benchmark.task == task]
+        own = [b for b in BENCHMARKS.values() if b.task == task and b.families == families]
         if not own:
             raise ConfigError(f"benchmark: there is none of task={task}")
         return own[0]

@@ -184,7 +184,7 @@ def read_options(call: common.Call) -> Options:
     """
     values = call.values
     asked = _TRIPS if values["benchmark"] is None and values["starts"] is not None else values["benchmark"]
-    benchmark = benchmarks.find(asked, values["task"]["name"])
+    benchmark = benchmarks.find(asked, values["task"]["name"], families="shares" in values["scene"])
     counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
     if values["analysis"] == "camera":
         counts = _ANALYSIS_COUNTS

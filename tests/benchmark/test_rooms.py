@@ -3,6 +3,7 @@
 import pytest
 
 from spin_rl.benchmark import policies, rooms
+from spin_rl.benchmark.registry import find
 from spin_rl.benchmark.tables import rooms as tables
 from spin_rl.config import ConfigError
 from spin_rl.planning.solvability import scene_params
@@ -44,3 +45,10 @@ def test_worlds_are_of_the_family_that_was_set(device):
 def test_corridors_of_the_paper_are_refused():
     with pytest.raises(ConfigError, match=r"^scene: benchmark=rooms needs scene=mixture"):
         rooms.evaluate_rooms(policies.open_policy("zero").make, NavConfig(), 1, [0], "cpu")
+
+
+def test_scenes_of_families_are_measured_by_families():
+    assert find(None, "nav").name == "reach"
+    assert find(None, "nav", families=True).name == "rooms"
+    with pytest.raises(ConfigError, match="there is none of task=pick"):
+        find(None, "pick", families=True)
