@@ -25,9 +25,8 @@ from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.scenes.rooms.generator import build_scenes
+from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import FamilyParams, Shares, scene_class
-from spin_rl.scenes.rooms.start import place_starts
 
 CELLS = tuple((scenario, i) for scenario in SCENARIOS for i in range(len(DIFFICULTIES)))
 
@@ -76,9 +75,10 @@ def generate_family_scenes(count: int, params: FamilyParams, *, seed: int = 0) -
             "counter": wp.zeros(count, dtype=wp.int32),
             "mask": wp.full(count, True, dtype=bool),
         }
-        build_scenes(layout, params, **draw)
+        generator = FamilyGenerator(layout, params)
+        generator.build(**draw)
         field.update(layout.goal, draw["mask"])
-        place_starts(layout, params, field.field, **draw)
+        generator.place_starts(field.field, **draw)
     return layout.scenes()
 
 

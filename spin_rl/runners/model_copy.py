@@ -124,8 +124,12 @@ def _copy_encoder(target: nn.Module, source: nn.Module, flat: Columns) -> None:
     """Copy an encoder; of the flat inputs that it reads beside an image, those of the source by column."""
     if isinstance(target, DepthEncoder) and isinstance(source, DepthEncoder):
         target.load_state_dict(_depth_state(target, source, flat))
-    else:
-        target.load_state_dict(source.state_dict())
+        return
+    own = dict(target.state_dict())
+    for name, value in source.state_dict().items():
+        own[name] = own[name].clone()
+        own[name][: len(value)] = value  # a wider latent keeps what it was made with behind the source's
+    target.load_state_dict(own)
 
 
 def _depth_state(target: DepthEncoder, source: DepthEncoder, flat: Columns) -> dict[str, torch.Tensor]:
@@ -212,8 +216,8 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
             )
         else:
             mlps = [cast(nn.Sequential, encoder.mlp) for encoder in encoders]
-            layers = [[_shape(mlp), _linear(mlp)[0].in_features] for mlp in mlps]
-            fits = layers[0] == layers[1]
+            layers = [[_linear(mlp)[0].in_features, *_shape(mlp)] for mlp in mlps]
+            fits = layers[0][:-1] == layers[1][:-1] and layers[0][-1] >= layers[1][-1]
         if not fits:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
 

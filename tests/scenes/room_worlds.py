@@ -6,9 +6,8 @@ import warp as wp
 from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, Scene
-from spin_rl.scenes.rooms.generator import build_scenes
+from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import FamilyParams, Shares
-from spin_rl.scenes.rooms.start import place_starts
 
 
 def only(family: str, **parameters) -> FamilyParams:
@@ -17,7 +16,7 @@ def only(family: str, **parameters) -> FamilyParams:
 
 
 def inputs(nworld, device, *, seed=0, mask=None):
-    """Arguments of build_scenes and place_starts."""
+    """Arguments of the steps of `FamilyGenerator`."""
     mask = np.ones(nworld, dtype=bool) if mask is None else mask
     return {
         "seed": wp.array([seed], dtype=wp.int32, device=device),
@@ -50,7 +49,8 @@ def generate(nworld, device, params, *, seed=0, mask=None, layout=None, field=No
     arguments = inputs(nworld, device, seed=seed, mask=mask)
     if counter is not None:
         arguments["counter"] = counter
-    build_scenes(layout, params, **arguments)
+    generator = FamilyGenerator(layout, params)
+    generator.build(**arguments)
     field.update(layout.goal, arguments["mask"])
-    place_starts(layout, params, field.field, **arguments)
+    generator.place_starts(field.field, **arguments)
     return layout

@@ -21,7 +21,7 @@ from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, PoolSpec
-from spin_rl.scenes.rooms.generator import build_scenes
+from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import (
     HALF_SQUARE_M,
     CrossingParams,
@@ -30,7 +30,6 @@ from spin_rl.scenes.rooms.params import (
     Shares,
     scene_class,
 )
-from spin_rl.scenes.rooms.start import place_starts
 
 PARAMS = FamilyParams()
 NUM_WORLDS = 200
@@ -273,12 +272,13 @@ def test_a_world_depends_on_seed_index_and_counter_alone(device):
 def test_graph_replay_equals_eager(device):
     def prepare():
         layout = Layout(16, PARAMS.pool, device)
-        return layout, DistanceField(layout, device), inputs(16, device, seed=9)
+        generator = FamilyGenerator(layout, PARAMS)
+        return layout, generator, DistanceField(layout, device), inputs(16, device, seed=9)
 
-    def draw(layout, field, arguments):
-        build_scenes(layout, PARAMS, **arguments)
+    def draw(layout, generator, field, arguments):
+        generator.build(**arguments)
         field.update(layout.goal, arguments["mask"])
-        place_starts(layout, PARAMS, field.field, **arguments)
+        generator.place_starts(field.field, **arguments)
 
     eager, replayed = prepare(), prepare()
     draw(*prepare())
@@ -288,7 +288,7 @@ def test_graph_replay_equals_eager(device):
         for _ in range(3):
             draw(*eager)
             wp.capture_launch(capture.graph)
-    assert replayed[2]["counter"].numpy().tolist() == [3] * 16
+    assert replayed[3]["counter"].numpy().tolist() == [3] * 16
     for name, value in values(eager[0]).items():
         np.testing.assert_array_equal(value, values(replayed[0])[name], err_msg=name)
 
@@ -328,7 +328,7 @@ def test_impossible_parameters_are_refused(changes, message):
 
 def test_a_layout_with_another_pool_is_refused(device):
     with pytest.raises(ValueError, match=r"scene\.pool is"):
-        build_scenes(Layout(2, PoolSpec(), device), PARAMS, **inputs(2, device))
+        FamilyGenerator(Layout(2, PoolSpec(), device), PARAMS)
 
 
 def test_ranges_are_kept(device):

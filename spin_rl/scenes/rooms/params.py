@@ -53,6 +53,7 @@ class CorridorParams:
     """Corridors with up to two corners; obstacles are those of `GeneratorParams`.
 
     Attributes:
+        paper_share: Share of corridors that are the paper's instead, see `FamilyParams.paper`.
         corners: Fewest and most corners: none is straight, one an L, two a Z or a U.
         leg: Length of a leg between corners or ends.
         obstacles_per_m: Obstacles per metre of leg, one draw per world.
@@ -60,6 +61,7 @@ class CorridorParams:
         dead_end: Length of a dead end.
     """
 
+    paper_share: float = 0.4
     corners: tuple[int, int] = (0, 2)
     leg: tuple[float, float] = (2.4, 4.0)
     obstacles_per_m: tuple[float, float] = (0.0, 1.2)
@@ -217,6 +219,13 @@ class FamilyParams(GeneratorParams):
     def moves(self) -> bool:
         """Whether anything can move."""
         return self.shares.crossing > 0.0 and self.crossing.mover_share > 0.0
+
+    @property
+    def paper(self) -> GeneratorParams:
+        """Corridors as of the paper's tables, 1 m wide, with the obstacles and start poses given here."""
+        given = {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(GeneratorParams)}
+        own = ("width", "easy_width")
+        return GeneratorParams(**given | {name: getattr(GeneratorParams, name) for name in own})
 
 
 GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing")

@@ -39,16 +39,18 @@ def place_starts(
     seed: wp.array,
     counter: wp.array,
     mask: wp.array,
+    has_start: wp.array,
 ) -> None:
     """Draw start poses of the masked worlds from which there is a way to the goal; graph-safe.
 
     Args:
-        layout: Scenes of `build_scenes`; `start`, `start_joints` and `way_m` are the output.
+        layout: Scenes without a start; `start`, `start_joints` and `way_m` are the output.
         params: Length of the way, clearance and joints at the start.
         field: Ways to the goals of the masked worlds.
         seed: Random seed, shape (1,), int32.
         counter: Scenes drawn so far, the present ones included, shape (nworld,), int32.
         mask: Worlds to write, shape (nworld,), bool.
+        has_start: Those of them of which only `way_m` is to be written, shape (nworld,), bool.
     """
     wp.launch(
         _place,
@@ -61,6 +63,7 @@ def place_starts(
             seed,
             counter,
             mask,
+            has_start,
             layout.family,
             layout.goal,
             slots_of(layout),
@@ -143,6 +146,7 @@ def _place(
     seed: wp.array(dtype=wp.int32),
     counter: wp.array(dtype=wp.int32),
     mask: wp.array(dtype=bool),
+    has_start: wp.array(dtype=bool),
     family: wp.array(dtype=wp.int32),
     goal: wp.array(dtype=wp.vec2),
     slots: Slots,
@@ -154,6 +158,9 @@ def _place(
 ) -> None:
     world = wp.tid()
     if not mask[world]:
+        return
+    if has_start[world]:
+        way_out[world] = field_at(field, world, start_out[world][0], start_out[world][1])
         return
     stream = int(wp.rand_init(int(wp.rand_init(seed[0], world)), counter[world] - 1))
     joints_seed = int(wp.rand_init(stream, 4))

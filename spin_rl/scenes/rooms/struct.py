@@ -22,6 +22,7 @@ class FamilyStruct:
     gap: float
     furniture_density: wp.vec2
     furniture_empty_share: float
+    corridor_paper_share: float
     corridor_corners: wp.vec2i
     corridor_leg: wp.vec2
     corridor_obstacles_per_m: wp.vec2

@@ -11,9 +11,8 @@ from spin_rl import robot
 from spin_rl.planning.distance_field import DistanceField, GridSpec
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.scenes.rooms.generator import build_scenes
+from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import FamilyParams
-from spin_rl.scenes.rooms.start import place_starts
 from spin_rl.sensors.clearance import Clearance
 from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
@@ -101,6 +100,9 @@ class NavEnv(CorridorEnv):
         """Make what says how far the goal is: a distance field, or corridors' shape."""
         layout = self.sim.layout
         self._field = None
+        self._families = None
+        if scene is None and isinstance(self._layout_params, FamilyParams):
+            self._families = FamilyGenerator(layout, self._layout_params)
         if isinstance(scene, Scene):
             layout.load(scene)
         if isinstance(scene, Scene) or (scene is None and not isinstance(cfg.scene, FamilyParams)):
@@ -160,10 +162,10 @@ class NavEnv(CorridorEnv):
         if self._is_fixed:
             return
         if self._field is not None:
-            assert isinstance(params, FamilyParams)
-            build_scenes(layout, params, **draw, family_choice=self._family_choice)
+            assert self._families is not None
+            self._families.build(**draw, family_choice=self._family_choice)
             self._field.update(layout.goal, mask)
-            place_starts(layout, params, self._field.field, **draw)
+            self._families.place_starts(self._field.field, **draw)
         else:
             generate_layouts(
                 layout,
