@@ -26,7 +26,7 @@ from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
-from spin_rl.scenes.rooms.params import FamilyParams, Shares, scene_class
+from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams, Shares, scene_class
 
 CELLS = tuple((scenario, i) for scenario in SCENARIOS for i in range(len(DIFFICULTIES)))
 
@@ -68,7 +68,7 @@ def generate_scenes(
 def generate_family_scenes(count: int, params: FamilyParams, *, seed: int = 0) -> list[Scene]:
     """Generate scenes of families on the host."""
     layout = Layout(count, params.pool, "cpu")
-    field = DistanceField(layout, "cpu")
+    field = DistanceField(layout, "cpu", blocked_m=BLOCKED_M)
     with wp.ScopedDevice("cpu"):
         draw = {
             "seed": wp.full(1, seed, dtype=wp.int32),

@@ -7,7 +7,7 @@ from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
-from spin_rl.scenes.rooms.params import FamilyParams, Shares
+from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams, Shares
 
 
 def only(family: str, **parameters) -> FamilyParams:
@@ -45,7 +45,7 @@ def distances(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def generate(nworld, device, params, *, seed=0, mask=None, layout=None, field=None, counter=None) -> Layout:
     """New scenes with starts."""
     layout = layout or Layout(nworld, params.pool, device)
-    field = field or DistanceField(layout, device)
+    field = field or DistanceField(layout, device, blocked_m=BLOCKED_M)
     arguments = inputs(nworld, device, seed=seed, mask=mask)
     if counter is not None:
         arguments["counter"] = counter

@@ -23,6 +23,7 @@ from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, PoolSpec
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import (
+    BLOCKED_M,
     HALF_SQUARE_M,
     CrossingParams,
     FamilyParams,
@@ -273,7 +274,12 @@ def test_graph_replay_equals_eager(device):
     def prepare():
         layout = Layout(16, PARAMS.pool, device)
         generator = FamilyGenerator(layout, PARAMS)
-        return layout, generator, DistanceField(layout, device), inputs(16, device, seed=9)
+        return (
+            layout,
+            generator,
+            DistanceField(layout, device, blocked_m=BLOCKED_M),
+            inputs(16, device, seed=9),
+        )
 
     def draw(layout, generator, field, arguments):
         generator.build(**arguments)

@@ -13,6 +13,9 @@ from spin_rl.warp_kernels.slots import Slots
 TOUCH = wp.constant(0.02)
 """Pieces nearer to a wall than this touch it [m]."""
 
+CLOSE = wp.constant(0.24)
+"""Pieces may stand nearer to each other than this: no way leads through, also not past corners [m]."""
+
 _TRIES = wp.constant(12)
 
 wp.set_module_options({"enable_backward": False})
@@ -42,10 +45,14 @@ def place_is_free(
     yaw: float,
     half: wp.vec2,
     gap: float,
+    close: float,
     site: Site,
     slots: Slots,
 ) -> bool:
-    """Whether a rectangle off the reserved floor leaves a gap to everything there, or touches walls."""
+    """Whether a rectangle off the reserved floor leaves a gap to everything there, or touches walls.
+
+    Or it is nearer than ``close``, if that is not 0: no gap is between the two.
+    """
     for i in range(site.num_reserved):
         r = site.reserved[i]
         middle = wp.vec2(0.5 * (r[0] + r[2]), 0.5 * (r[1] + r[3]))
@@ -55,7 +62,7 @@ def place_is_free(
             return False
     for slot in range(site.walls):
         if _is_near(world, slot, centre, yaw, half, gap, slots):
-            if not _is_near(world, slot, centre, yaw, half, TOUCH, slots):
+            if not _is_near(world, slot, centre, yaw, half, wp.max(close, TOUCH), slots):
                 return False
     radius = wp.length(half)
     for i in range(site.boxes + site.cylinders):
@@ -70,8 +77,15 @@ def place_is_free(
             dy = other[1] - centre[1]
             if dx * dx + dy * dy < reach * reach:
                 if _is_near(world, slot, centre, yaw, half, gap, slots):
-                    return False
+                    if close == 0.0 or not _is_near(world, slot, centre, yaw, half, close, slots):
+                        return False
     return True
+
+
+@wp.func
+def draw_close(q: FamilyStruct, u: float) -> float:
+    """How near a piece may stand to others for a uniform number, 0 where it must leave a gap [m]."""
+    return wp.where(u < q.close_share, CLOSE, 0.0)
 
 
 @wp.func
@@ -153,6 +167,7 @@ def furnish(
         placed = bool(False)
         if fits:
             gap = wp.where(piece.above, 0.0, q.gap)
+            close = draw_close(q, wp.randf(wp.rand_init(seed + 2, k)))
             for attempt in range(_TRIES):
                 if not placed:
                     frame = draw_frame(seed + 1, k * _TRIES + attempt, piece.half, piece.at_wall, gap, r)
@@ -164,6 +179,7 @@ def furnish(
                             frame[2],
                             piece.half,
                             gap,
+                            close,
                             now,
                             slots,
                         )

@@ -6,7 +6,7 @@ import warp as wp
 
 from spin_rl.scenes.corridors.clutter import draw_heights
 from spin_rl.scenes.corridors.struct import ParamsStruct
-from spin_rl.scenes.rooms.arrange import place_is_free
+from spin_rl.scenes.rooms.arrange import draw_close, place_is_free
 from spin_rl.scenes.rooms.geometry import Site
 from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.warp_kernels.slots import Slots, put_slot
@@ -54,6 +54,7 @@ def build_field(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: S
         if as_cylinder:
             slot = cylinder
             half = wp.vec2(half[0], half[0])
+        close = draw_close(q, wp.randf(draw))
         placed = bool(False)
         for _attempt in range(_TRIES):
             if not placed and (as_cylinder or boxes_left):
@@ -61,7 +62,7 @@ def build_field(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: S
                     half_side * (2.0 * wp.randf(draw) - 1.0), half_side * (2.0 * wp.randf(draw) - 1.0)
                 )
                 yaw = wp.pi * (2.0 * wp.randf(draw) - 1.0)
-                placed = place_is_free(world, centre, yaw, half, q.gap, now, slots)
+                placed = place_is_free(world, centre, yaw, half, q.gap, close, now, slots)
                 if placed:
                     put_slot(
                         world,

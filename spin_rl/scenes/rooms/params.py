@@ -14,6 +14,10 @@ from spin_rl.scenes.layout import PoolSpec
 HALF_SQUARE_M = 6.0
 """Every scene of a family lies within +- this in x and y."""
 
+BLOCKED_M = 0.17
+"""Distance to obstacles below which no way leads through scenes of families: pieces closer than twice this,
+less than the base is wide, close a passage; those that `gap` or a doorway leaves are open."""
+
 
 @dataclass(frozen=True)
 class Shares:
@@ -44,7 +48,7 @@ class FurnitureParams:
         empty_share: Share of worlds without any.
     """
 
-    density: tuple[float, float] = (0.0, 0.8)
+    density: tuple[float, float] = (0.0, 1.2)
     empty_share: float = 0.1
 
 
@@ -154,6 +158,7 @@ class FamilyParams(GeneratorParams):
         pool: Slots of every world; furniture and things stop where they run out.
         way: Length of the way from start to goal.
         gap: What pieces of furniture and things leave between each other, unless they touch.
+        close_share: Share of them that may also stand so close to others that nothing fits between.
         furniture: What stands in rooms, doorways' rooms and crossings' halls.
         corridor: Shapes of corridors.
         room: Rooms.
@@ -171,7 +176,8 @@ class FamilyParams(GeneratorParams):
         default_factory=lambda: PoolSpec(num_walls=14, num_boxes=54, num_cylinders=12)
     )
     way: tuple[float, float] = (0.5, 10.0)
-    gap: float = 0.6
+    gap: float = 0.55
+    close_share: float = 0.5
     furniture: FurnitureParams = dataclasses.field(default_factory=FurnitureParams)
     corridor: CorridorParams = dataclasses.field(default_factory=CorridorParams)
     room: RoomParams = dataclasses.field(default_factory=RoomParams)
@@ -188,6 +194,9 @@ class FamilyParams(GeneratorParams):
                 getattr(self, name) == default,
                 f"scene.{name} has no meaning with scene.shares: leave it at {default}",
             )
+        _require(
+            0.0 <= self.close_share <= 1.0, f"scene.close_share must be in [0, 1], got {self.close_share}"
+        )
         _require(self.gap >= 0.5, f"scene.gap must be at least 0.5 m, got {self.gap}")
         _check_range("way", self.way, 0.2, 20.0)
         for group in GROUPS:

@@ -20,6 +20,7 @@ class FamilyStruct:
     shares: vec6
     way: wp.vec2
     gap: float
+    close_share: float
     furniture_density: wp.vec2
     furniture_empty_share: float
     corridor_paper_share: float
@@ -56,6 +57,7 @@ def family_struct(params: FamilyParams) -> FamilyStruct:
     struct.shares = vec6(*(sum(shares[: i + 1]) / sum(shares) for i in range(len(shares))))
     struct.way = wp.vec2(*params.way)
     struct.gap = params.gap
+    struct.close_share = params.close_share
     for group in GROUPS:
         values = getattr(params, group)
         for entry in dataclasses.fields(values):

@@ -12,7 +12,7 @@ from spin_rl.planning.distance_field import DistanceField, GridSpec
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
-from spin_rl.scenes.rooms.params import FamilyParams
+from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
 from spin_rl.sensors.clearance import Clearance
 from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
@@ -112,7 +112,8 @@ class NavEnv(CorridorEnv):
         # A fixed scene's ways are no longer than twice around it.
         longest = cfg.scene.way[1] if isinstance(cfg.scene, FamilyParams) else 0.0
         longest = longest if scene is None else 4.0 * (grid.nx + grid.ny) * grid.cell_m
-        self._field = DistanceField(layout, self.device, grid)
+        blocked = BLOCKED_M if scene is None else None
+        self._field = DistanceField(layout, self.device, grid, blocked_m=blocked)
         self._ways = field_ways(
             layout,
             self._field,
