@@ -3,10 +3,63 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from typing import Any, cast
 
 import torch
 from torch import distributed
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """Which of the processes of a run this one is.
+
+    Attributes:
+        world_size: How many there are; alone, 1.
+        rank: Its number.
+        local_rank: Its number on this machine.
+    """
+
+    world_size: int = 1
+    rank: int = 0
+    local_rank: int = 0
+
+    @property
+    def parallel(self) -> bool:
+        """Whether there is more than one process."""
+        return self.world_size > 1
+
+    @property
+    def is_main(self) -> bool:
+        """Whether this process writes files and shows progress."""
+        return self.rank == 0
+
+
+def read_ranks() -> Ranks:
+    """Read what torchrun says in the environment; ranks mean something only with WORLD_SIZE above 1.
+
+    Raises:
+        ValueError: That is nonsense; one line that names the variable.
+    """
+    world_size = _read("WORLD_SIZE", 1)
+    if world_size < 1:
+        raise ValueError(f"WORLD_SIZE: expected at least 1 in the environment, got {world_size}")
+    if world_size == 1:
+        return Ranks()
+    ranks = Ranks(world_size, _read("RANK", None), _read("LOCAL_RANK", None))
+    for name, rank in (("RANK", ranks.rank), ("LOCAL_RANK", ranks.local_rank)):
+        if not 0 <= rank < world_size:
+            raise ValueError(f"{name}: expected 0 to {world_size - 1} in the environment, got {rank}")
+    return ranks
+
+
+def _read(name: str, default: int | None) -> int:
+    text = os.environ.get(name)
+    if text is None and default is not None:
+        return default
+    if text is None or not text.isdecimal():
+        raise ValueError(f"{name}: expected a whole number in the environment, got {text!r}")
+    return int(text)
 
 
 class Processes:
@@ -21,9 +74,9 @@ class Processes:
         Raises:
             ValueError: The device is not the one of this process's local rank.
         """
-        self.world_size = int(os.environ.get("WORLD_SIZE", "1"))
-        self.rank = int(os.environ.get("RANK", "0"))
-        self.local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+        ranks = read_ranks()
+        self.world_size, self.rank, self.local_rank = ranks.world_size, ranks.rank, ranks.local_rank
+        self.parallel, self.is_main = ranks.parallel, ranks.is_main
         self.joined = False
         if not self.parallel:
             return
@@ -41,16 +94,6 @@ class Processes:
             self.joined = True
         # An int only stands for a group without this process; this one has all processes.
         self._host_group = cast(distributed.ProcessGroup, distributed.new_group(backend="gloo"))
-
-    @property
-    def parallel(self) -> bool:
-        """Whether there is more than one process."""
-        return self.world_size > 1
-
-    @property
-    def is_main(self) -> bool:
-        """Whether this process writes files and shows progress."""
-        return self.rank == 0
 
     def any(self, *flags: bool) -> list[bool]:
         """Tell for each flag whether it is set in some process; the same answer everywhere."""

@@ -17,6 +17,7 @@ from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.runners.ppo.algorithm import PPO
 from spin_rl.runners.ppo.storage import Batch
+from spin_rl.runners.settings import Share, Weight
 from spin_rl.runners.warm_start import camera_was_frozen
 
 
@@ -125,10 +126,10 @@ class ImitationPPO(PPO):
         self,
         *args: Any,
         teacher: Teacher,
-        task_reward: float = 1.0,
-        imitation_reward: float = 0.05,
-        imitation_loss: float = 0.5,
-        imitation_anneal: float = 0.5,
+        task_reward: Weight = 1.0,
+        imitation_reward: Weight = 0.05,
+        imitation_loss: Weight = 0.5,
+        imitation_anneal: Share = 0.5,
         bootstrap_ends: bool = False,
         **settings: Any,
     ) -> None:
