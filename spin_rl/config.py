@@ -1,9 +1,9 @@
 """From Hydra's nested mappings to the dataclasses that the code uses, with errors that name the key.
 
-A field says what it takes by its type, and more narrowly by an `Annotated` type with one of `Range`, `Choice`,
-`Rising`, `Length` and `Means`. A number of which it says no more is at most `LARGEST` either way: more cannot be
-meant. The settings of models and algorithms are checked in the same way, by the types of their constructors'
-arguments; see `check_value`.
+A field says what it takes by its type, and more narrowly by an `Annotated` type with one of `Range`,
+`Choice`, `Rising`, `Length` and `Means`. A number of which it says no more is at most `LARGEST` either way:
+more cannot be meant. The settings of models and algorithms are checked in the same way, by the types of
+their constructors' arguments; see `check_value`.
 """
 
 from __future__ import annotations

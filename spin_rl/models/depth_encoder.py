@@ -52,9 +52,7 @@ class DepthEncoderConfig:
     def __post_init__(self) -> None:
         """Reject layers that do not fit each other or the image."""
         if not 0 < len(self.channels) == len(self.kernels) == len(self.strides) <= 16 >= len(self.hidden):
-            raise ValueError(
-                "depth_encoder.channels, kernels and strides must have the same length, up to 16."
-            )
+            raise ValueError("depth_encoder.channels, kernels and strides must have the same length (<= 16).")
         sizes = (*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden)
         if min(*sizes, 1) < 1 or self.hand_window < 0:
             raise ValueError("depth_encoder: sizes must be positive.")

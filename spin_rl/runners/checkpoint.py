@@ -1,7 +1,7 @@
 """Checkpoints that a killed process cannot break: written beside, synchronized, then renamed into place.
 
-A checkpoint is a file of `torch.save` with its SHA-256 behind it. Those of format 1 had none; they have the sums
-that every ZIP archive has of its members.
+A checkpoint is a file of `torch.save` with its SHA-256 behind it. Those of format 1 had none; they have the
+sums that every ZIP archive has of its members.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
 
 
 def save_numbered(folder: Path, iteration: int, state: Mapping[str, Any]) -> Path:
-    """Write `last.pt` and `iteration_<n>.pt` in a folder, and delete numbered ones but this and the newest few.
+    """Write `last.pt` and `iteration_<n>.pt` in a folder; delete numbered ones but this and the newest few.
 
     Returns:
         The path of `last.pt`.

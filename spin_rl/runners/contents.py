@@ -19,8 +19,10 @@ Dims = dict[str, Annotated[int, Range(1, 100_000)]]
 Counter = Annotated[int, Range(0, 10**15)]
 
 # What of a run's configuration is read again later; each is a mapping where it is there.
-_SECTIONS = ("task", "task.scandots", "task.sight", "task.manipulation", "task.depth", "depth", "depth.filter",
-             "robot", "runner", "runner.obs_groups", "runner.algorithm")  # fmt: skip
+_SECTIONS = (
+    *("task", "task.scandots", "task.sight", "task.manipulation", "task.depth"),
+    *("depth", "depth.filter", "robot", "runner", "runner.obs_groups", "runner.algorithm"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

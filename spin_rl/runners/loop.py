@@ -228,7 +228,7 @@ class TrainingLoop(OnPolicyRunner):
         self.processes.leave()
 
     def _restore_optimizer(self, state: dict[str, Any]) -> None:
-        """Take over the optimizer's memory and the learning rate; its other settings are those of this run."""
+        """Take over the optimizer's memory and the learning rate; other settings are those of this run."""
         optimizer = self.alg.optimizer
         own = optimizer.state_dict()
         saved = own["state"] | state["optimizer"]["state"]
@@ -256,7 +256,7 @@ class TrainingLoop(OnPolicyRunner):
         """Do what is left before the first iteration of a call of `train`."""
 
     def _check_stop(self) -> None:
-        """Raise `Interrupted` if the run has to end, for a subclass that waits in the middle of an iteration."""
+        """Raise `Interrupted` if the run has to end, for a subclass that waits inside of an iteration."""
         if self._stop.name is not None or time.monotonic() >= self._deadline:
             raise Interrupted
 

@@ -81,7 +81,7 @@ class ProgressLine:
 
 
 class ScalarWriter:
-    """TensorBoard events of a run; does nothing without a folder, nor after a failure, which it tells of once."""
+    """TensorBoard events of a run; does nothing without a folder, nor after a failure that it told of."""
 
     def __init__(self, folder: Path | None, first_iteration: int) -> None:
         """Open an event file; events of a resumed run after its checkpoint are dropped.

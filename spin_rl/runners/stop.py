@@ -1,4 +1,4 @@
-"""What ends a run: its limits, Ctrl-C, a job scheduler, or the end of the launcher that started its processes."""
+"""What ends a run: its limits, Ctrl-C, a job scheduler, or the end of what launched its processes."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def _joints(content: Any) -> list[float]:
 
 
 def _check_free(scene: Scene) -> None:
-    """Reject a start at which the robot touches something, and a goal there or inside of what stands there."""
+    """Reject a start at which the robot touches something, and a goal at the start or inside of something."""
     if math.dist(scene.start[:2], scene.goal) < SHORTEST_M:
         raise ConfigError(f"goal: must be at least {SHORTEST_M} m from the start")
     model = native_model(scene)

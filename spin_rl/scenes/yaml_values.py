@@ -1,4 +1,4 @@
-"""A YAML file that someone wrote, and checked values out of it; what is wrong is one line that names the key."""
+"""A YAML file that someone wrote, and checked values out of it; what is wrong is told in one line."""
 
 from __future__ import annotations
 

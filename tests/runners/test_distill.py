@@ -131,7 +131,7 @@ def save_run(folder, teacher):
             "algorithm",
             "schedule",
             "adaptive",
-            r"algorithm\.schedule: unknown .adaptive.; choose from fixed, linear",
+            r"algorithm\.schedule: unknown .adaptive.; choose from fixed",
         ),
         ("algorithm", "num_mini_batches", 13, "at most the 12 environments"),
         (None, "asynchronous", {"reuse": 1}, r"asynchronous\.reuse: unknown key"),

@@ -169,10 +169,7 @@ class ImitationPPO(PPO):
     @staticmethod
     def construct_algorithm(obs: TensorDict, env: VecEnv, cfg: dict, device: str) -> PPO:
         """Build everything, the teacher too."""
-        source = cfg["algorithm"].get("teacher")
-        if not isinstance(source, str):
-            raise ValueError(f"teacher: expected the name or path of a policy, got {source!r}.")
-        teacher = Teacher.load(source, obs, env.num_actions, Camera.of(env), device)
+        teacher = Teacher.load(cfg["algorithm"]["teacher"], obs, env.num_actions, Camera.of(env), device)
         return PPO.construct_algorithm(
             obs, env, cfg | {"algorithm": cfg["algorithm"] | {"teacher": teacher}}, device
         )
