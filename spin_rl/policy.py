@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import torch
-from tensordict import TensorDict
+if TYPE_CHECKING:
+    import torch
+    from tensordict import TensorDict
 
 
 class Policy(Protocol):
@@ -21,5 +22,5 @@ class Policy(Protocol):
         ...
 
 
-PolicyFactory = Callable[[TensorDict, str], Policy]
+PolicyFactory = Callable[["TensorDict", str], Policy]
 """Makes a policy for the observations and device of an environment."""

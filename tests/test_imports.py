@@ -20,7 +20,7 @@ LAYERS = (  # a package imports from those of the lines below its own
     {"scenes"},
     {"robot", "warp_kernels"},
     {"policy", "extras", "files", "machine"},
-    {"config", "paths"},
+    {"config", "deferred", "paths"},
 )
 TASK_LAYERS = ({"registry", "gym_env"}, {"fetch"}, {"nav", "pick"}, {"common"})
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic
+from typing import TYPE_CHECKING, Any, Generic
 
 from omegaconf import DictConfig
 
 from spin_rl.policy import Policy
 from spin_rl.tasks.common.compose import Config, compose, task_config
-from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.common.rewards import Term
+
+if TYPE_CHECKING:
+    from spin_rl.tasks.common.env import TaskEnv
 
 
 def alone(policy: Policy) -> Policy:
