@@ -15,14 +15,13 @@ from rsl_rl.utils import resolve_class
 from safetensors.torch import save
 from tensordict import TensorDict
 
-from spin_rl import paths
 from spin_rl.files import write_atomically
 from spin_rl.models import ScandotModel
+from spin_rl.policy import METADATA_KEY, find_policy
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.config import MODEL_ARGUMENTS, check_class
 
 FORMAT_VERSION = 1
-_KEY = "spin_rl"
 
 
 def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -45,7 +44,7 @@ def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None
     policy = read_policy(checkpoint)
     metadata = {**policy.metadata, "facts": facts or {}}
     weights = {key: tensor.contiguous() for key, tensor in policy.weights.items()}
-    data = save(weights, {_KEY: json.dumps(metadata)})
+    data = save(weights, {METADATA_KEY: json.dumps(metadata)})
     write_atomically(path, lambda file: file.write(data))
     return metadata
 
@@ -158,28 +157,10 @@ def read_policy(name_or_path: str | Path) -> TrainedPolicy:
     return TrainedPolicy(str(name_or_path), state["actor"], metadata)
 
 
-def find_policy(name_or_path: str | Path) -> Path:
-    """Return an existing path as it is, else that of the shipped policy of this name.
-
-    Raises:
-        FileNotFoundError: There is neither; the message lists the shipped ones.
-    """
-    path = Path(name_or_path)
-    if path.exists():
-        return path
-    shipped = paths.POLICY_DIR / f"{name_or_path}.safetensors"
-    if shipped.is_file():
-        return shipped
-    names = ", ".join(sorted(file.stem for file in paths.POLICY_DIR.glob("*.safetensors"))) or "none"
-    raise FileNotFoundError(
-        f"There is no policy '{name_or_path}': neither a path nor a shipped one ({names})."
-    )
-
-
 def _read_policy_file(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     try:
         with safetensors.safe_open(path, framework="pt") as file:
-            metadata = json.loads((file.metadata() or {})[_KEY])
+            metadata = json.loads((file.metadata() or {})[METADATA_KEY])
             weights = {key: file.get_tensor(key) for key in file.keys()}
     except (safetensors.SafetensorError, KeyError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not a policy file of this project: {error}") from error

@@ -61,6 +61,15 @@ class TaskSpec(Generic[Config]):
         scene = self.scene if isinstance(self.scene, type) else self.scene(cfg["scene"])
         return task_config(cfg, self.name, self.config, scene, self.reward_terms)
 
+    def check(self, cfg: Mapping[str, Any]) -> None:
+        """Reject what no policy makes right, before one is read: that takes Torch.
+
+        Raises:
+            ConfigError: As `configure`.
+        """
+        images = {"depth": {**(cfg["task"].get("depth") or {}), "enabled": True}}
+        self.configure({**cfg, "task": {**cfg["task"], **images}})
+
     def as_trained(self, overrides: Sequence[str] = ()) -> Config:
         """Return the configuration that `spin-train` has.
 
