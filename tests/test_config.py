@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 from spin_rl.tasks.common.compose import plain
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.spec import NAV

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
-
-import torch
-from tensordict import TensorDict
+from typing import TYPE_CHECKING, Any
 
 from spin_rl import robot
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
-from spin_rl.policy import PolicyFactory
-from spin_rl.runners.policy_file import read_policy
+from spin_rl.policy import PolicyFactory, find_policy
 from spin_rl.tasks.registry import TaskSpec
+
+if TYPE_CHECKING:
+    import torch
+    from tensordict import TensorDict
 
 SHIPPED = {"pick": {False: "pick-teacher", True: "pick-depth"}}
 """Key -> which shipped policy that is if none is named, by whether the one that drives reads images."""
@@ -82,16 +81,30 @@ def open_policy(name: str, key: str = "policy") -> PolicySource:
     Raises:
         ConfigError: There is no such policy, or it is damaged.
     """
+    check_name(name, key)
     if name in UNTRAINED:
         return PolicySource({key: name}, {}, UNTRAINED[name])
+    from spin_rl.runners.policy_file import read_policy
+
     try:
         policy = read_policy(name)
-    except FileNotFoundError as error:
-        untrained = "" if Path(name).exists() else f" Always there: {', '.join(UNTRAINED)}."
-        raise ConfigError(f"{key}: {error}{untrained}") from None
-    except ValueError as error:
+    except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"{key}: {error}") from None
     return PolicySource({key: name}, policy.config, policy.build)
+
+
+def check_name(name: str, key: str = "policy") -> None:
+    """Reject the name of a policy that there is none of, before Torch is imported.
+
+    Raises:
+        ConfigError: One line that names the key and the shipped policies.
+    """
+    if name in UNTRAINED:
+        return
+    try:
+        find_policy(name)
+    except FileNotFoundError as error:
+        raise ConfigError(f"{key}: {error} Always there: {', '.join(UNTRAINED)}.") from None
 
 
 def open_for(

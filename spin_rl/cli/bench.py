@@ -11,14 +11,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import torch
-
 from spin_rl.cli import common
 from spin_rl.config import POSITIVE, Choice, ConfigError, Range, from_keys
 from spin_rl.files import write_json
-from spin_rl.machine import num_cores
+from spin_rl.machine import num_cores, num_gpus
 from spin_rl.speed import rows as throughput
-from spin_rl.speed.timing import Stopwatch
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
@@ -59,7 +56,7 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-bench` command."""
-    common.run("bench", bench, lambda given: (common.with_preset(given, torch.cuda.is_available()), None))
+    common.run("bench", bench, lambda given: (common.with_preset(given), None))
 
 
 def bench(call: common.Call) -> None:
@@ -67,6 +64,8 @@ def bench(call: common.Call) -> None:
     values = with_depth(call.values)
     options = read_options(values, call.overrides)
     if options.device == "cpu":
+        import torch
+
         torch.set_num_threads(1)  # as in training
     _warn_if_busy()
     rows = _measure(values, options)
@@ -90,6 +89,8 @@ def bench(call: common.Call) -> None:
 
 
 def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
+    import torch
+
     from spin_rl.speed import (
         depth as depth_speed,
     )
@@ -105,6 +106,7 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
     from spin_rl.speed import (
         update as update_speed,
     )
+    from spin_rl.speed.timing import Stopwatch
     from spin_rl.tasks.nav.env import NavEnv
 
     task, runner = NAV.configure(values), values["runner"]
@@ -180,10 +182,8 @@ def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> Options
         raise ConfigError(
             f"algo: {name} learns from a teacher, which is not measured; use cvo or direct_depth"
         )
-    if options.device != "cpu" and options.processes > torch.cuda.device_count():
-        raise ConfigError(
-            f"processes: {torch.cuda.device_count()} GPUs found, one for each process is needed"
-        )
+    if options.device != "cpu" and options.processes > num_gpus():
+        raise ConfigError(f"processes: {num_gpus()} GPUs found, one for each process is needed")
     common.make_folder_of(options.out, "bench.json")
     return options
 

@@ -12,22 +12,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import hydra
-import torch
-import warp as wp
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException, OverrideParseException
+from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from spin_rl.benchmark.policies import PolicySource
+from spin_rl.cli import help_text, refusals
 from spin_rl.config import ConfigError, Means
+from spin_rl.machine import num_gpus
 from spin_rl.paths import CONF_DIR
-from spin_rl.scenes.layout import Scene
-from spin_rl.scenes.scene_file import load_scene
 from spin_rl.tasks.common.compose import compose, plain
+
+if TYPE_CHECKING:
+    from spin_rl.benchmark.policies import PolicySource
+    from spin_rl.scenes.layout import Scene
 
 PolicyName = Annotated[str, Means("a name, checkpoint, run directory, .safetensors file, zero or random")]
 RENAMED = {"baseline": "camera"} | {
@@ -62,7 +63,7 @@ class Call:
     opened: PolicySource | None = None
 
 
-Completed = tuple[list[str], PolicySource | None]
+Completed = tuple[list[str], "PolicySource | None"]
 """Overrides with those that follow from them, and the policy that was opened to know which do."""
 
 
@@ -76,7 +77,7 @@ def run(
 
     Exits with status 2 and one line on standard error when the configuration or input is bad; with Hydra's
     HYDRA_FULL_ERROR=1 in the environment, with the traceback. Hydra itself runs the command only where it is
-    given its own flags or settings, such as `--help`, `-m` or `hydra.sweep.dir`.
+    given its own flags or settings, such as `-m`, `--cfg=job` or `hydra.sweep.dir`.
 
     Args:
         name: Configuration file in conf/, also the command's name after `spin-`.
@@ -85,7 +86,11 @@ def run(
         refused: Arguments that this command cannot take, and why.
     """
     arguments = sys.argv[1:]
+    if help_text.is_asked_for(arguments):
+        print(help_text.of(name))
+        return
     with _one_line_errors(name):
+        refusals.refuse_additions(name, arguments)
         for argument in arguments:
             _refuse(argument, refused)
         overrides, opened = complete(arguments)
@@ -124,12 +129,7 @@ def _one_line_errors(name: str) -> Iterator[None]:
     except USER_ERRORS as error:
         if os.environ.get("HYDRA_FULL_ERROR") == "1":
             raise
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        # Hydra's advice on its own internals helps no one here.
-        reason = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
-        if isinstance(error, OverrideParseException):  # its message shows a part only
-            reason = f"{error.override}: {reason}"
-        print(f"spin-{name}: error: {reason}", file=sys.stderr)
+        print(f"spin-{name}: error: {refusals.reason(error, name, sys.argv[1:])}", file=sys.stderr)
         sys.exit(2)
 
 
@@ -143,7 +143,7 @@ def resolve_device(device: str) -> str:
     """
     rank = int(os.environ.get("LOCAL_RANK", "0"))
     if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
+        device = "cuda" if num_gpus() else "cpu"
     if device == "cpu":
         return device
     if device == "cuda":
@@ -151,17 +151,18 @@ def resolve_device(device: str) -> str:
     match = re.fullmatch(r"cuda:(\d+)", str(device))
     if match is None:
         raise ConfigError(f"device: unknown device {device!r}; use auto, cpu or cuda:0")
-    index = int(match[1])
-    if not torch.cuda.is_available() or index >= torch.cuda.device_count():
-        raise ConfigError(f"device: {device} is not available here; {torch.cuda.device_count()} GPUs found")
+    index, gpus = int(match[1]), num_gpus()
+    if index >= gpus:
+        raise ConfigError(f"device: {device} is not available here; {gpus} GPUs found")
     return f"cuda:{index}"
 
 
-def with_preset(arguments: list[str], has_gpu: bool, group: str = "preset") -> list[str]:
+def with_preset(arguments: list[str], group: str = "preset") -> list[str]:
     """Add `preset=gpu`, or another group's, where the command will run on a GPU and no preset is named."""
     given = {key: value for key, _, value in (argument.partition("=") for argument in arguments)}
-    on_gpu = given.get("device", "auto") != "cpu" and has_gpu
-    return [*arguments, f"{group}=gpu"] if on_gpu and group not in given else arguments
+    if group in given or given.get("device", "auto") == "cpu" or not num_gpus():
+        return arguments
+    return [*arguments, f"{group}=gpu"]
 
 
 def scene_file_argument(argument: str) -> str:
@@ -199,6 +200,8 @@ def load_scene_file(name: Path | None) -> Scene | None:
     """
     if name is None:
         return None
+    from spin_rl.scenes.scene_file import load_scene
+
     for path in (name, CONF_DIR / "scenes_examples" / name):
         if path.is_file():
             return load_scene(path)
@@ -214,7 +217,6 @@ def is_main_process() -> bool:
 @contextlib.contextmanager
 def announced(what: str) -> Iterator[None]:
     """Announce work that may compile kernels, and show that it goes on while it does."""
-    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     if not is_main_process():
         yield
         return

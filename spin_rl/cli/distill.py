@@ -9,25 +9,20 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
-
-import torch
+from typing import TYPE_CHECKING, Annotated, Any
 
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import check_task
 from spin_rl.cli import common, run_folder, task_choice
 from spin_rl.config import Choice, ConfigError
-from spin_rl.runners.checkpoint import resolve_checkpoint
-from spin_rl.runners.distillation.runner import DistillRunner, check_distillation
-from spin_rl.runners.distillation.student import student_config
-from spin_rl.runners.interface import Camera
-from spin_rl.runners.model_copy import copy_model
-from spin_rl.runners.policy_file import TrainedPolicy
-from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.common.config import TaskConfig
-from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.registry import TaskSpec, find_task
+
+if TYPE_CHECKING:
+    from spin_rl.runners.distillation.runner import DistillRunner
+    from spin_rl.runners.policy_file import TrainedPolicy
+    from spin_rl.tasks.common.env import TaskEnv
 
 MODES = ("sync", "async")
 
@@ -44,7 +39,7 @@ def main() -> None:
     """Entry point of the `spin-distill` command."""
 
     def complete(given: list[str]) -> common.Completed:
-        given = common.with_preset(given, torch.cuda.is_available(), "distill_preset")
+        given = common.with_preset(given, "distill_preset")
         return task_choice.with_task(given, "teacher")
 
     common.run("distill", distill, complete, task_choice.UNTRAINABLE)
@@ -59,11 +54,18 @@ def distill(call: common.Call) -> None:
     options = run_folder.read_options(Options, call.values, call.overrides)
     if options.mode == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
         raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
+    find_task(call.values["task"]["name"]).check(call.values)
     teacher = run_folder.open_source("teacher", options.teacher)
     start = None if options.init is None else run_folder.open_source("init", options.init)
     values = _configure(call, options, teacher)
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
+
+    import torch
+
+    from spin_rl.runners.checkpoint import resolve_checkpoint
+    from spin_rl.runners.remote.runner import CollectorError
+
     rank = int(os.environ.get("RANK", "0"))
     checkpoint = None if options.resume is None else resolve_checkpoint(options.resume)
     run_dir = run_folder.find(options, checkpoint)
@@ -96,6 +98,9 @@ def _start_from(runner: DistillRunner, source: TrainedPolicy, note: str = "") ->
     Raises:
         ConfigError: It does not fit; one line that says why.
     """
+    from spin_rl.runners.interface import Camera
+    from spin_rl.runners.model_copy import copy_model
+
     try:
         notes = copy_model(runner.alg.student, source.build(), Camera())
     except ValueError as error:
@@ -113,6 +118,9 @@ def make_env(spec: TaskSpec, task: TaskConfig, num_envs: int, device: str, seed:
 def _make_runner(
     options: Options, make: Callable[[], TaskEnv], run_dir: Path, values: dict[str, Any]
 ) -> DistillRunner:
+    from spin_rl.runners.distillation.runner import DistillRunner
+    from spin_rl.runners.remote.runner import AsyncDistillRunner, RemoteEnv
+
     learning = values["runner"] | {"seed": options.seed}
     if options.mode == "sync":
         return DistillRunner(make(), learning, run_dir, options.device, snapshot=values)
@@ -126,6 +134,9 @@ def _make_runner(
 
 def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> dict[str, Any]:
     """Return the run's configuration: fill in what the teacher says, and check what the student learns by."""
+    from spin_rl.runners.distillation.runner import check_distillation
+    from spin_rl.runners.distillation.student import student_config
+
     values = settings.for_policy(call.values, teacher.config, options.overrides)
     spec = find_task(values["task"]["name"])
     own = teacher.config.get("task", {}).get("name")

@@ -14,7 +14,6 @@ from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.files import write_json
-from spin_rl.planning.trips import has_way
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -94,6 +93,7 @@ def evaluate(call: common.Call) -> None:
     """Run the benchmark or analysis that was asked for, print its table and write its JSON."""
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
+    spec.check(call.values)
     source = policies.open_for(spec, {"policy": options.policy, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
     mistake = settings.unused_depth(task, options.overrides)
@@ -121,6 +121,8 @@ Measured = tuple[Any, dict[str, Any]]
 
 
 def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) -> Measured:
+    from spin_rl.planning.trips import has_way
+
     scene = common.load_scene_file(options.scene_file)
     if scene is not None and options.starts is None and find_spec("scipy") and not has_way(scene):
         print(f"scene: {options.scene_file}: the planner finds no way from the start to the goal")

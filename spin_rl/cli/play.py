@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import torch
-
 from spin_rl.benchmark import policies, settings
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
@@ -80,8 +78,11 @@ def play(call: common.Call) -> None:
     """Show the policy that was asked for; write the video and the plots before any live view."""
     spec = find_task(call.values["task"]["name"])
     options = read_options(call, spec)
+    spec.check(call.values)
     players = Players(call, spec, options)
     if options.device == "cpu":
+        import torch
+
         torch.set_num_threads(1)
     if options.video or options.plots or options.viewer == "none":
         _record(players, options)
@@ -205,6 +206,7 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
     default = "none" if values["video"] or values["plots"] else "viser"
     found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
     options = from_keys(Options, values | found)
+    policies.check_name(options.policy)
     if options.world is not None and options.scene_file is not None:
         raise ConfigError("world: a scene file is the same in every world")
     for key, value in (("world", options.world), ("scene", options.scene_file)):

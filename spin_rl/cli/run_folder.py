@@ -8,14 +8,17 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import yaml
 
 from spin_rl.cli import common
 from spin_rl.config import POSITIVE, ConfigError, Means, Range, from_keys
 from spin_rl.files import write_text
-from spin_rl.runners.policy_file import TrainedPolicy, read_policy
+from spin_rl.policy import find_policy
+
+if TYPE_CHECKING:
+    from spin_rl.runners.policy_file import TrainedPolicy
 
 SourceName = Annotated[str, Means("the name or path of a policy")]
 
@@ -77,6 +80,9 @@ def open_source(key: str, name: str) -> TrainedPolicy:
         ConfigError: There is none; one line that names the key.
     """
     try:
+        find_policy(name)  # before Torch is imported
+        from spin_rl.runners.policy_file import read_policy
+
         return read_policy(name)
     except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"{key}: {error}") from None

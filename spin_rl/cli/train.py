@@ -5,21 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import torch
+from typing import TYPE_CHECKING, Any
 
 from spin_rl.cli import common, run_folder
 from spin_rl.cli.task_choice import UNTRAINABLE
 from spin_rl.config import ConfigError
-from spin_rl.runners.checkpoint import resolve_checkpoint
-from spin_rl.runners.config import check_config
-from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import TrainedPolicy
-from spin_rl.runners.ppo.dvo import check_teacher
-from spin_rl.runners.warm_start import warm_start
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.registry import find_task
+
+if TYPE_CHECKING:
+    from spin_rl.runners.policy_file import TrainedPolicy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +29,7 @@ def main() -> None:
     common.run(
         "train",
         train,
-        lambda given: (common.with_preset(given, torch.cuda.is_available()), None),
+        lambda given: (common.with_preset(given), None),
         UNTRAINABLE,
     )
 
@@ -45,12 +40,18 @@ def train(call: common.Call) -> None:
     Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also
     the result's benchmark. Bad settings are found before anything is written or compiled.
     """
-    from spin_rl.runners.ppo.runner import PPORunner
-
     values = with_depth(call.values)
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
     options, start = read_options(values, call.overrides)
+
+    import torch
+
+    from spin_rl.runners.checkpoint import resolve_checkpoint
+    from spin_rl.runners.interface import Camera
+    from spin_rl.runners.ppo.runner import PPORunner
+    from spin_rl.runners.warm_start import warm_start
+
     rank = int(os.environ.get("RANK", "0"))
     checkpoint = None if options.resume is None else resolve_checkpoint(options.resume)
     run_dir = run_folder.find(options, checkpoint)
@@ -96,6 +97,9 @@ def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> tuple[O
     options = run_folder.read_options(Options, values, overrides)
     start = _open_sources(options, values)
     groups = find_task(values["task"]["name"]).groups
+
+    from spin_rl.runners.config import check_config
+
     check_config(values["runner"], groups, options.num_envs)
     return options, start
 
@@ -115,6 +119,8 @@ def _open_sources(options: Options, values: Mapping[str, Any]) -> TrainedPolicy 
             f"teacher: algo={values['algo']['name']} has none; to start from a policy's weights use init="
         )
     if has_teacher:
+        from spin_rl.runners.ppo.dvo import check_teacher
+
         check_teacher(opened["teacher"])
     return opened.get("init")
 

@@ -12,8 +12,8 @@ from rsl_rl.utils import unpad_trajectories
 from tensordict import TensorDict
 from torch import nn
 
+from spin_rl.groups import HAND_IN_IMAGE, is_depth, is_encoded
 from spin_rl.models.depth_encoder import make_depth_encoder
-from spin_rl.models.groups import HAND_IN_IMAGE, is_depth, is_encoded
 from spin_rl.models.lstm import LSTMState, ResettableLSTM
 from spin_rl.models.pointnet import TOKEN_DIM, make_scandot_encoder, token_mlp
 from spin_rl.models.settings import Activation, ScandotEncoder, Width, Widths

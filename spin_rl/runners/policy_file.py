@@ -18,16 +18,15 @@ from rsl_rl.utils import resolve_class
 from safetensors.torch import load, save
 from tensordict import TensorDict
 
-from spin_rl import paths
 from spin_rl.files import write_atomically
 from spin_rl.models import ScandotModel
+from spin_rl.policy import METADATA_KEY, find_policy
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.config import check_model
 from spin_rl.runners.contents import check_checkpoint, check_policy
 
 FORMAT_VERSION = 2
 _WITHOUT_CHECKSUM = 1
-_KEY = "spin_rl"
 _CHECKSUM = "sha256"
 _NO_DIGEST = b"0" * 64
 
@@ -66,7 +65,7 @@ def write_policy(path: Path, weights: Mapping[str, torch.Tensor], metadata: Mapp
     Raises:
         OSError: It cannot be written.
     """
-    header = {_KEY: json.dumps(metadata), _CHECKSUM: _NO_DIGEST.decode()}
+    header = {METADATA_KEY: json.dumps(metadata), _CHECKSUM: _NO_DIGEST.decode()}
     data = save({key: tensor.contiguous() for key, tensor in weights.items()}, header)
     data = data.replace(_NO_DIGEST, hashlib.sha256(data).hexdigest().encode(), 1)
     write_atomically(path, lambda file: file.write(data))
@@ -178,24 +177,6 @@ def read_policy(name_or_path: str | Path) -> TrainedPolicy:
     return TrainedPolicy(str(name_or_path), state["actor"], metadata)
 
 
-def find_policy(name_or_path: str | Path) -> Path:
-    """Return an existing path as it is, else that of the shipped policy of this name.
-
-    Raises:
-        FileNotFoundError: There is neither; the message lists the shipped ones.
-    """
-    path = Path(name_or_path)
-    if path.exists():
-        return path
-    shipped = paths.POLICY_DIR / f"{name_or_path}.safetensors"
-    if shipped.is_file():
-        return shipped
-    names = ", ".join(sorted(file.stem for file in paths.POLICY_DIR.glob("*.safetensors"))) or "none"
-    raise FileNotFoundError(
-        f"There is no policy '{name_or_path}': neither a path nor a shipped one ({names})."
-    )
-
-
 def _read_policy_file(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """Read and check a file.
 
@@ -206,7 +187,7 @@ def _read_policy_file(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, An
         content = path.read_bytes() if path.is_file() else b""
         weights = load(content)
         header = _header(content)
-        metadata = json.loads(header[_KEY])
+        metadata = json.loads(header[METADATA_KEY])
     # The tensors, the header and the JSON in it each have their own errors.
     except (safetensors.SafetensorError, LookupError, TypeError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]

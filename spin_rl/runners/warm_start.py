@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from spin_rl.models import ScandotModel
+from spin_rl.policy import find_policy
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
 from spin_rl.runners.contents import check_checkpoint
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.model_copy import copy_model
-from spin_rl.runners.policy_file import TrainedPolicy, build_model, find_policy
+from spin_rl.runners.policy_file import TrainedPolicy, build_model
 from spin_rl.runners.ppo.algorithm import PPO
 
 

@@ -6,7 +6,7 @@ Navigation commands joint positions, manipulation small moves of the targets, so
 force and an untrained policy does not sweep the table; see docs/manipulation.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import warp as wp
 
@@ -56,6 +56,17 @@ class IncrementConfig:
         for name in ("lead_s", "gripper_span", "gripper_lead", "forward_speed", "turn_speed"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"manipulation.{name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class ManipulationConfig:
+    """A simulation with the grasping robot and an object.
+
+    Attributes:
+        increments: How actions move the joint targets.
+    """
+
+    increments: IncrementConfig = field(default_factory=IncrementConfig)
 
 
 @wp.struct

@@ -26,8 +26,10 @@ def run_main(monkeypatch, *arguments):
 @pytest.mark.parametrize(
     ("argument", "expected"),
     [
-        ("nonsense=1", "nonsense"),
-        ("robot=foo", "robot/foo"),
+        ("nonsense=1", "nonsense: unknown key; see spin-train --help"),
+        ("task.dificulty=1", "task.dificulty: unknown key; did you mean task.difficulty?"),
+        ("+max_minute=1", "max_minute: unknown key; did you mean max_minutes?"),
+        ("robot=foo", "robot: unknown 'foo'; choose from paper, re1"),
         ("baseline=fixcam_I", "baseline: is called camera now: camera=fixcam_I"),
         ("task.episode_s=-1", "task.episode_s must exceed"),
         ("task.episode_s=[", "task.episode_s=["),

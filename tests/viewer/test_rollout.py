@@ -11,9 +11,8 @@ from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.depth.filter import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
-from spin_rl.tasks.fetch.state import STAGES
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv

@@ -13,10 +13,10 @@ from omegaconf import DictConfig, OmegaConf
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.sim import SimConfig
+from spin_rl.sensors.depth.size import image_shape
+from spin_rl.sim.config import SimConfig
 from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.config import TaskConfig
-from spin_rl.tasks.common.depth import image_shape
 
 Config = TypeVar("Config", bound=TaskConfig)
 

@@ -10,7 +10,7 @@ from typing import Annotated, get_args
 from spin_rl import robot
 from spin_rl.config import Choice
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 
 CameraMount = Annotated[robot.CameraMount, Choice(get_args(robot.CameraMount))]
 
@@ -81,6 +81,27 @@ class DynamicsConfig:
             low, high = getattr(self, name)
             if not 0.0 < low <= high < math.inf:
                 raise ValueError(f"task.dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")
+
+
+@dataclass(frozen=True)
+class ProprioNoise:
+    """Sensor noise of the proprio group in training, standard deviations of zero-mean normal noise.
+
+    Attributes:
+        joint_position: In units of the normalized position.
+        joint_velocity: In units of the normalized velocity.
+        base_velocity: [m/s, rad/s].
+    """
+
+    joint_position: float = 0.0
+    joint_velocity: float = 0.0
+    base_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Reject negative noise."""
+        for name, value in vars(self).items():
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"task.noise.{name} must not be negative, got {value}")
 
 
 @dataclass(frozen=True)

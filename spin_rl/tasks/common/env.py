@@ -21,9 +21,9 @@ from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.params import TabletopParams
 from spin_rl.sensors.interface import Sensor
-from spin_rl.sim import Simulation
 from spin_rl.sim.graph import StepGraph, torch_order
-from spin_rl.sim.manipulation import ManipulationConfig
+from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.targets import ManipulationConfig
 from spin_rl.tasks.common import episode, rewards
 from spin_rl.tasks.common.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.common.depth import DepthImages

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import torch
 
 from spin_rl import robot
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
+from spin_rl.tasks.common.config import ProprioNoise
 
 # Blocks of the proprio group and their widths.
 PROPRIO: dict[str, int] = {
@@ -30,27 +28,6 @@ def camera_columns() -> dict[str, tuple[int, ...]]:
         columns += [offset + names[block].index(joint) for joint in robot.CAMERA_JOINTS if block in names]
         offset += width
     return {"proprio": tuple(columns)}
-
-
-@dataclass(frozen=True)
-class ProprioNoise:
-    """Sensor noise of the proprio group in training, standard deviations of zero-mean normal noise.
-
-    Attributes:
-        joint_position: In units of the normalized position.
-        joint_velocity: In units of the normalized velocity.
-        base_velocity: [m/s, rad/s].
-    """
-
-    joint_position: float = 0.0
-    joint_velocity: float = 0.0
-    base_velocity: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Reject negative noise."""
-        for name, value in vars(self).items():
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"task.noise.{name} must not be negative, got {value}")
 
 
 class Proprioception:

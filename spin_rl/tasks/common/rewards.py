@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any
-
-import torch
+from typing import TYPE_CHECKING, Any
 
 from spin_rl import robot
+
+if TYPE_CHECKING:
+    import torch
 
 _ARM = slice(robot.DOF_NAMES.index("arm_outer"), robot.DOF_NAMES.index("arm_inner") + 1)
 _CAMERA = slice(robot.DOF_NAMES.index("head_pan"), robot.DOF_NAMES.index("head_tilt") + 1)
@@ -49,7 +50,7 @@ def collision(step: Transition) -> torch.Tensor:
 
 def time(step: Transition) -> torch.Tensor:
     """One on every step."""
-    return torch.ones_like(step.qvel[:, 0])
+    return step.qvel.new_ones(step.qvel.shape[0])
 
 
 def joint_velocity(step: Transition) -> torch.Tensor:
@@ -63,7 +64,7 @@ def action_rate(step: Transition) -> torch.Tensor:
     return (step.action - step.last_action).square().sum(-1)
 
 
-Term = Callable[[Any], torch.Tensor]
+Term = Callable[[Any], "torch.Tensor"]
 """From the `Transition` of a task to a value per world, shape (num_envs,)."""
 
 

@@ -13,7 +13,8 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.statistics import Env, EpisodeStatistics, ratio
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, STAGES, FetchRecord
+from spin_rl.tasks.fetch.config import STAGES
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, FetchRecord
 
 
 @dataclass

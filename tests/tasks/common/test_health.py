@@ -5,7 +5,7 @@ import pytest
 import torch
 from nav_worlds import actions, assert_same, run
 
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.simulation import OVERFLOWS
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav import rewards
