@@ -81,6 +81,13 @@ def evaluate_reach(
         announce=announce,
         report=report,
     )
+    if scene is not None and are_alike(groups[0]):
+        count = len(groups[0].outcome)
+        report(
+            f"scene: all {count} episodes are the same one, which counts once: policy, start and dynamics are "
+            f"fixed; starts={count} draws different trips"
+        )
+        groups = [groups[0].select(np.arange(1))]
     rows = [
         {"scenario": cell.scenario, "difficulty": cell.difficulty}
         | summarize_drives(group, cfg.sim.control_period)
@@ -94,6 +101,12 @@ def evaluate_reach(
         **describe_drives(cfg),
         **facts,
     }
+
+
+def are_alike(episodes: DriveEpisodes) -> bool:
+    """Whether several episodes are one and the same, to the last bit of where they ended."""
+    ends = (episodes.outcome, episodes.steps, episodes.distance, episodes.driven)
+    return len(episodes.outcome) > 1 and all(np.ptp(values) == 0 for values in ends)
 
 
 def in_usual_pool(scene: Scene) -> Scene:

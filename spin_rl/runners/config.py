@@ -17,8 +17,8 @@ from rsl_rl.utils import resolve_callable
 from spin_rl.config import Choice, Rising, check_value, from_mapping, short
 from spin_rl.models import DepthEncoderConfig, ScandotModel
 from spin_rl.models.settings import Deviation, DeviationRange
+from spin_rl.ranges import Count, Minutes, NumSteps, Seed
 from spin_rl.runners.ppo.algorithm import PPO
-from spin_rl.runners.settings import Count, Minutes, NumSteps, Seed
 
 SETTINGS = {
     "class_name": str | None,

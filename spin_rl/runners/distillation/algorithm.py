@@ -19,6 +19,7 @@ from torch import nn
 
 from spin_rl.config import Choice, Range
 from spin_rl.models import ScandotModel
+from spin_rl.ranges import Epochs, GradNorm, LearningRate, MiniBatches, Weight
 from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.distillation.sequences import Recorder, Sequences, mean_actions
 from spin_rl.runners.distillation.student import build_student
@@ -27,7 +28,6 @@ from spin_rl.runners.model_copy import copy_model
 from spin_rl.runners.policy_file import load_policy
 from spin_rl.runners.ppo.algorithm import MAX_LOST_UPDATES
 from spin_rl.runners.ppo.dvo import action_error
-from spin_rl.runners.settings import Epochs, GradNorm, LearningRate, MiniBatches, Weight
 
 SCHEDULES = ("fixed", "linear")
 STATISTICS = ("actions", "robot", "camera", "latent", "grad_norm", "skipped_steps")

@@ -19,8 +19,8 @@ from torch import nn
 
 from spin_rl.config import Choice, Range
 from spin_rl.models import LSTMState, ScandotModel, ScandotRecurrentModel
+from spin_rl.ranges import Epochs, GradNorm, LearningRate, MiniBatches, Share, Weight
 from spin_rl.runners.ppo.storage import Batch, SequenceStorage
-from spin_rl.runners.settings import Epochs, GradNorm, LearningRate, MiniBatches, Share, Weight
 
 SCHEDULES = ("adaptive", "fixed", "linear")
 MAX_LOST_UPDATES = 3

@@ -13,11 +13,11 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel
+from spin_rl.ranges import Share, Weight
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.runners.ppo.algorithm import PPO
 from spin_rl.runners.ppo.storage import Batch
-from spin_rl.runners.settings import Share, Weight
 from spin_rl.runners.warm_start import camera_was_frozen
 
 

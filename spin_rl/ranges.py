@@ -1,4 +1,4 @@
-"""What settings of algorithms and runners are: types of their arguments, see `config.check_value`."""
+"""What settings of commands, runners and algorithms may be: types for their fields, see `config`."""
 
 from __future__ import annotations
 
