@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound="DataclassInstance")
 _NOUNS = {int: "a whole number", float: "a number", bool: "true or false", str: "a name", Path: "a path"}
 _LONGEST_VALUE = 60
+_GENEROUS = 1e5
+"""From here on, the end of a range is told to those only who went beyond it."""
 LARGEST = 1e6
 """Greatest number, either way, where a setting's type says nothing else."""
 
@@ -46,7 +48,7 @@ class Range:
 
     def narrow(self, noun: str) -> str:
         """Say which of `noun` are meant."""
-        most = "" if math.isinf(self.high) else f" up to {self.high:g}"
+        most = "" if self.high >= _GENEROUS else f" up to {self.high:g}"
         if self.above:
             positive = f"{noun} above {self.low:g}" if self.low else noun.replace("a ", "a positive ", 1)
             return positive + most
@@ -197,6 +199,8 @@ def _convert(hint: Any, value: Any, where: str, expected: str = "", limited: boo
             rule.check(value, where)
             return value
         result = _convert(arguments[0], value, where, expected, limited=not isinstance(rule, Range))
+        if isinstance(rule, Range) and result > rule.high >= _GENEROUS:
+            raise ConfigError(f"{where}: expected {expected}, at most {rule.high:g}, got {short(value)}")
         if not rule.allows(result):
             raise refused
         return result

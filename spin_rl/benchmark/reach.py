@@ -62,7 +62,7 @@ def evaluate_reach(
 
     Returns:
         `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and
-        the settings under which the rows were measured.
+        the settings under which the rows were measured; `alike` where all episodes were the same one.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.
@@ -82,12 +82,11 @@ def evaluate_reach(
         report=report,
     )
     if scene is not None and are_alike(groups[0]):
-        count = len(groups[0].outcome)
+        facts["alike"] = True
         report(
-            f"scene: all {count} episodes are the same one, which counts once: policy, start and dynamics are "
-            f"fixed; starts={count} draws different trips"
+            f"scene: all {len(groups[0].outcome)} episodes are the same one, so the interval means nothing: "
+            "policy, start and dynamics are fixed; starts=50 draws different trips"
         )
-        groups = [groups[0].select(np.arange(1))]
     rows = [
         {"scenario": cell.scenario, "difficulty": cell.difficulty}
         | summarize_drives(group, cfg.sim.control_period)

@@ -29,7 +29,7 @@ def reason(error: Exception, name: str, arguments: Sequence[str]) -> str:
         name: The command's configuration file.
         arguments: The command line.
     """
-    if isinstance(error, OSError):
+    if isinstance(error, OSError) and not isinstance(error, HydraException):  # one of these is both
         return files.reason(error)
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     text = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__

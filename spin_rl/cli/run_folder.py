@@ -147,11 +147,13 @@ def claimed(options: RunOptions, checkpoint: Path | None) -> Iterator[Path]:
     except (OSError, NotImplementedError) as error:
         why = reason(error) if isinstance(error, OSError) else error
         raise ConfigError(f"run_dir: cannot write to {path}: {why}") from None
-    with lock:
+    try:
         _refuse_other_run(path, checkpoint)
         for folder in (path, path / "checkpoints"):
             remove_temporary(folder)
         yield path
+    finally:
+        lock.release()
 
 
 def _place(options: RunOptions, checkpoint: Path | None) -> Path:

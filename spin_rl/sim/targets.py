@@ -52,10 +52,8 @@ class IncrementConfig:
 
     def __post_init__(self) -> None:
         """Reject values that cannot move the robot."""
-        if (
-            len(self.joint_rate) != len(robot.JOINTS)
-            or not 0.0 <= min(self.joint_rate) <= max(self.joint_rate) <= _LARGEST
-        ):
+        slowest, fastest = min(self.joint_rate, default=0.0), max(self.joint_rate, default=0.0)
+        if len(self.joint_rate) != len(robot.JOINTS) or not 0.0 <= slowest <= fastest <= _LARGEST:
             raise ValueError(
                 f"manipulation.joint_rate must be {len(robot.JOINTS)} numbers, none negative, "
                 f"got {self.joint_rate}"
