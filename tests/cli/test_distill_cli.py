@@ -18,6 +18,7 @@ from spin_rl.benchmark import settings
 from spin_rl.cli import distill, run_folder
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR, POLICY_DIR
+from spin_rl.policy import METADATA_KEY
 from spin_rl.runners import load_policy, policy_file, read_policy
 from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.nav.spec import NAV
@@ -128,7 +129,7 @@ def pick_teacher(tmp_path):
         "config": config,
     } | dict.fromkeys(("env_steps", "iteration", "minutes"), 0)
     path = tmp_path / "pick.safetensors"
-    safetensors.torch.save_file(weights, path, {policy_file._KEY: json.dumps(metadata)})
+    safetensors.torch.save_file(weights, path, {METADATA_KEY: json.dumps(metadata)})
     return path
 
 
