@@ -1,7 +1,7 @@
 """Warp kernels on plain arrays: geometry, visibility, scandots, contacts, depth images, distance fields.
 
-Importing it starts Warp quietly: without its banner, its line for every module that it loads, and its warning that
-there is no GPU. Whoever wants them sets `warp.config.log_level` before.
+Importing it starts Warp quietly: without its banner, its line for every module that it loads, and its warning
+that there is no GPU. Whoever wants them sets `warp.config.log_level` before.
 """
 
 from __future__ import annotations
