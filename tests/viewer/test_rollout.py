@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
+from spin_rl.benchmark.untrained import RandomPolicy, ZeroPolicy
 from viewer_worlds import SCENE, fetch_snapshot, snapshot
 
 from spin_rl import robot
-from spin_rl.benchmark.untrained import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.depth.filter import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
