@@ -82,12 +82,12 @@ def changed(values, path, value):
     return values
 
 
-def refusal(command, values):
-    """What a command says of a configuration, None if it would begin."""
+def refusal(command, values, path=()):
+    """What a command says of a configuration, None if it would begin; `path` is what the user has set."""
     name = command.split()[0]
     try:
         common.check_keys(values, KEYS[name])
-        COMMANDS[command][0](common.Call(values, COMMANDS[command][1]))
+        COMMANDS[command][0](common.Call(values, [*COMMANDS[command][1], ".".join(map(str, path)) + "=x"]))
     except Reached:
         return None
     except common.USER_ERRORS as error:
@@ -121,7 +121,7 @@ def test_no_setting_takes_what_cannot_be_meant(command, composed):
             continue
         wrong = wrong_values(value)
         for chosen in {number % len(wrong), (3 * number + 1) % len(wrong)}:
-            said = refusal(command, changed(values, path, wrong[chosen]))
+            said = refusal(command, changed(values, path, wrong[chosen]), path)
             where = ".".join(map(str, path))
             if said is None:
                 accepted.append((where, wrong[chosen]))
