@@ -112,7 +112,10 @@ def _problems(folder: Path, told: int) -> list[str]:
             load_checkpoint(path)
         except ValueError as error:
             problems.append(str(error))
-    newest = find_checkpoint(folder)[1]["iteration"]
+    try:
+        newest = find_checkpoint(folder)[1]["iteration"]
+    except (FileNotFoundError, ValueError):
+        newest = 0
     if newest < told:
         problems.append(f"{told} had been saved, {newest} is left")
     return problems

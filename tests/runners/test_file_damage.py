@@ -182,7 +182,7 @@ def test_missing_and_mistyped_content_of_a_checkpoint_is_one_line(run, tmp_path)
     path = tmp_path / "forged.pt"
     keys, runner = sorted(original.keys() - {"version"}), PPORunner(FakeEnv(), make_config())
 
-    @settings(FUZZ, max_examples=50)
+    @settings(FUZZ, max_examples=30)
     @given(st.sampled_from(keys), VALUES | st.just("missing"))
     def check(key, value):
         state = {name: part for name, part in original.items() if name != key}
