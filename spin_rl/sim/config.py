@@ -34,7 +34,7 @@ class SimConfig:
     iterations: int = 4
     ls_iterations: int = 8
     impratio: float | None = None
-    nearby: int = 24
+    nearby: int = 64
     contacts_per_world: int = 24
     constraints_per_world: int = 96
     overflow: str = "count"
