@@ -1,4 +1,4 @@
-"""What larger places cost: training and the parts of a step, in corridors, scene families and example scenes."""
+"""What larger places cost: training and the parts of a step, in corridors, families and example scenes."""
 
 from __future__ import annotations
 
