@@ -17,7 +17,8 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
-from spin_rl.viewer.rollout import Player, scandots_of
+from spin_rl.viewer.reader import scandots_of
+from spin_rl.viewer.rollout import Player
 from spin_rl.viewer.video import play
 
 

@@ -14,6 +14,7 @@ from spin_rl import robot
 
 if TYPE_CHECKING:
     import torch
+    from tensordict import TensorDict
 
 _ARM = slice(robot.DOF_NAMES.index("arm_outer"), robot.DOF_NAMES.index("arm_inner") + 1)
 _CAMERA = slice(robot.DOF_NAMES.index("head_pan"), robot.DOF_NAMES.index("head_tilt") + 1)
@@ -29,6 +30,8 @@ class Transition:
         collision: Whether the robot hit what it must not hit, shape (num_envs,), bool.
         action: The action of this step, shape (num_envs, 10).
         last_action: The action before, shape (num_envs, 10).
+        observations: What the policy saw when it chose the action: the task's observation groups with their
+            noise, each of shape (num_envs, width).
     """
 
     qvel: torch.Tensor
@@ -36,6 +39,7 @@ class Transition:
     collision: torch.Tensor
     action: torch.Tensor
     last_action: torch.Tensor
+    observations: TensorDict
 
 
 def success(step: Transition) -> torch.Tensor:
