@@ -14,6 +14,7 @@ from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.files import write_json
+from spin_rl.ranges import Seed
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -71,10 +72,10 @@ class Options:
     policy: common.PolicyName
     pick: common.PolicyName | None
     benchmark: benchmarks.Benchmark
-    episodes: int
-    starts: int | None
-    seeds: tuple[int, ...]
-    num_envs: int | None
+    episodes: Annotated[int, Range(high=1_000_000)]
+    starts: Annotated[int, Range(high=1_000_000)] | None
+    seeds: tuple[Seed, ...]
+    num_envs: Annotated[int, Range(high=2**18)] | None
     device: str
     scene_file: Path | None
     analysis: Annotated[str, Choice(ANALYSES)] | None
@@ -86,10 +87,15 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-eval` command."""
-    common.run("eval", evaluate, lambda given: with_task([common.scene_file_argument(a) for a in given]))
+    common.run(
+        "eval",
+        evaluate,
+        lambda given: with_task([common.scene_file_argument(a) for a in given]),
+        common.keys_of(Options, common.TASK_GROUPS),
+    )
 
 
-def evaluate(call: common.Call) -> None:
+def evaluate(call: common.Call) -> bool:
     """Run the benchmark or analysis that was asked for, print its table and write its JSON."""
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
@@ -114,6 +120,7 @@ def evaluate(call: common.Call) -> None:
     if options.plot is not None:
         writer.plot(result, options.plot)
         print(f"Wrote {options.plot}")
+    return bool(result.get("stopped"))
 
 
 Measured = tuple[Any, dict[str, Any]]
@@ -186,7 +193,7 @@ def read_options(call: common.Call) -> Options:
     """
     values = call.values
     asked = _TRIPS if values["benchmark"] is None and values["starts"] is not None else values["benchmark"]
-    benchmark = benchmarks.find(asked, values["task"]["name"], families="shares" in values["scene"])
+    benchmark = benchmarks.find(asked, values["task"].get("name"), families="shares" in values["scene"])
     counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
     if values["analysis"] == "camera":
         counts = _ANALYSIS_COUNTS

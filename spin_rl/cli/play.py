@@ -71,12 +71,17 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-play` command."""
-    common.run("play", play, lambda given: with_task([common.scene_file_argument(a) for a in given]))
+    common.run(
+        "play",
+        play,
+        lambda given: with_task([common.scene_file_argument(a) for a in given]),
+        common.keys_of(Options, common.TASK_GROUPS),
+    )
 
 
 def play(call: common.Call) -> None:
     """Show the policy that was asked for; write the video and the plots before any live view."""
-    spec = find_task(call.values["task"]["name"])
+    spec = find_task(call.values["task"].get("name"))
     options = read_options(call, spec)
     spec.check(call.values)
     players = Players(call, spec, options)

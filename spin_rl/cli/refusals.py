@@ -9,6 +9,7 @@ from typing import Any
 
 from hydra.errors import HydraException, OverrideParseException
 
+from spin_rl import files
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common.compose import compose
@@ -28,6 +29,8 @@ def reason(error: Exception, name: str, arguments: Sequence[str]) -> str:
         name: The command's configuration file.
         arguments: The command line.
     """
+    if isinstance(error, OSError) and not isinstance(error, HydraException):  # one of these is both
+        return files.reason(error)
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     text = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
     if isinstance(error, OverrideParseException):  # its message shows a part only

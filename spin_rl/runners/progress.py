@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TextIO
 
@@ -80,27 +81,47 @@ class ProgressLine:
 
 
 class ScalarWriter:
-    """TensorBoard events of a run; does nothing without a folder."""
+    """TensorBoard events of a run; does nothing without a folder, nor after a failure that it told of."""
 
     def __init__(self, folder: Path | None, first_iteration: int) -> None:
-        """Open an event file; events of a resumed run after its checkpoint are dropped."""
+        """Open an event file; events of a resumed run after its checkpoint are dropped.
+
+        Args:
+            folder: Where to; None for nowhere.
+            first_iteration: Iterations of the checkpoint.
+        """
+        self._folder = folder
         self._writer = None
         if folder is not None:
             from torch.utils.tensorboard import SummaryWriter  # slow to import
 
-            self._writer = SummaryWriter(str(folder), purge_step=first_iteration, flush_secs=10)
+            with self._giving_up():
+                step = first_iteration + 1
+                self._writer = SummaryWriter(str(folder), purge_step=step, flush_secs=10)
 
     def write(self, iteration: int, scalars: dict[str, float]) -> None:
         """Write the scalars that are finite."""
         if self._writer is not None:
-            for tag, value in scalars.items():
-                if math.isfinite(value):
-                    self._writer.add_scalar(tag, value, iteration)
+            with self._giving_up():
+                for tag, value in scalars.items():
+                    if math.isfinite(value):
+                        self._writer.add_scalar(tag, value, iteration)
 
     def close(self) -> None:
         """Write what is buffered."""
         if self._writer is not None:
-            self._writer.close()
+            with self._giving_up():
+                self._writer.close()
+
+    @contextlib.contextmanager
+    def _giving_up(self) -> Iterator[None]:
+        """Go on without events where they cannot be written: a run is worth more than its curves."""
+        try:
+            yield
+        except OSError as error:
+            self._writer = None
+            what = f"{self._folder}: no more events are written: {error.strerror or error}"
+            print(f"\nwarning: {what}", file=sys.stderr, flush=True)
 
 
 def episode_tag(name: str) -> str:

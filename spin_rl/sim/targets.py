@@ -22,6 +22,10 @@ _FINGER = wp.constant(robot.JOINTS.index("gripper_finger"))
 wp.set_module_options({"enable_backward": False})
 
 
+_LARGEST = 100.0
+"""Of speeds, times and angles: more cannot be meant."""
+
+
 @dataclass(frozen=True)
 class IncrementConfig:
     """How far actions move the targets in the incremental mode.
@@ -48,14 +52,17 @@ class IncrementConfig:
 
     def __post_init__(self) -> None:
         """Reject values that cannot move the robot."""
-        if len(self.joint_rate) != len(robot.JOINTS) or min(self.joint_rate) < 0.0:
+        slowest, fastest = min(self.joint_rate, default=0.0), max(self.joint_rate, default=0.0)
+        if len(self.joint_rate) != len(robot.JOINTS) or not 0.0 <= slowest <= fastest <= _LARGEST:
             raise ValueError(
                 f"manipulation.joint_rate must be {len(robot.JOINTS)} numbers, none negative, "
                 f"got {self.joint_rate}"
             )
         for name in ("lead_s", "gripper_span", "gripper_lead", "forward_speed", "turn_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"manipulation.{name} must be positive, got {getattr(self, name)}")
+            if not 0.0 < getattr(self, name) <= _LARGEST:
+                raise ValueError(
+                    f"manipulation.{name} must be positive, at most {_LARGEST:g}, got {getattr(self, name)}"
+                )
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ def test_bad_rollouts_are_counted_and_survived():
     ("section", "key", "value", "message"),
     [
         (None, "save_intervall", 1, r"runner\.save_intervall is not a setting"),
-        (None, "num_steps_per_env", 0, r"runner\.num_steps_per_env must be a positive integer, not 0"),
+        (None, "num_steps_per_env", 0, r"runner\.num_steps_per_env: expected a whole number from 1 to"),
         (None, "save_minutes", -1.0, r"runner\.save_minutes"),
         ("obs_groups", "actor", ["proprio", "lidar"], r"obs_groups\.actor .* not 'lidar'"),
         ("obs_groups", "critics", ["proprio"], r"obs_groups\.critics is not a setting"),
@@ -171,10 +171,10 @@ def test_bad_rollouts_are_counted_and_survived():
             r"distribution_cfg\.class_name must",
         ),
         ("algorithm", "num_epochs", 3, r"algorithm\.num_epochs is not a setting"),
-        ("algorithm", "gamma", 1.5, r"algorithm\.gamma must be above 0 and at most 1"),
-        ("algorithm", "schedule", "cosine", r"algorithm\.schedule must be one of"),
+        ("algorithm", "gamma", 1.5, r"algorithm\.gamma: expected a positive number up to 1"),
+        ("algorithm", "schedule", "cosine", r"algorithm\.schedule: unknown .cosine"),
         ("algorithm", "num_mini_batches", 13, r"at most the 12 environments"),
-        ("algorithm", "learning_rate", "fast", r"algorithm\.learning_rate must be a positive number"),
+        ("algorithm", "learning_rate", "fast", r"algorithm\.learning_rate: expected a positive number"),
     ],
 )
 def test_errors_of_configuration_are_named_at_start(section, key, value, message):

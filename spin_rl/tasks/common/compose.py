@@ -10,7 +10,7 @@ import hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
-from spin_rl.config import ConfigError, from_mapping
+from spin_rl.config import ConfigError, check_value, from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sensors.depth.size import image_shape
@@ -69,7 +69,7 @@ def task_config(
     """
     values = plain(cfg)
     task = dict(values["task"])
-    given = task.pop("name")
+    given = task.pop("name", None)
     if given != name:
         raise ConfigError(f"task: {given!r} is not a task of this command; use {name}")
     groups = {
@@ -110,7 +110,7 @@ def with_depth(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
-    unknown = sorted(set(values) - {"enabled"})
+    unknown = sorted(map(str, set(check_value(dict[str, Any], values, "task.depth")) - {"enabled"}))
     if unknown:
         raise ConfigError(f"task.depth.{unknown[0]}: unknown key; noise and filter are a group of their own")
     enabled = values.get("enabled", False)
@@ -120,7 +120,7 @@ def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
 
 
 def _robot_profile(values: Mapping[str, Any]) -> str:
-    unknown = sorted(set(values) - {"profile"})
+    unknown = sorted(map(str, set(values) - {"profile"}))
     if unknown:
         raise ConfigError(f"robot.{unknown[0]}: unknown key; choose from profile")
     profile = values.get("profile")

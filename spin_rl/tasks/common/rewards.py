@@ -5,12 +5,12 @@ Every term returns shape (num_envs,) and is multiplied by its scale from the con
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from spin_rl import robot
+from spin_rl.config import LARGEST, short
 
 if TYPE_CHECKING:
     import torch
@@ -85,6 +85,7 @@ def check_scales(scales: dict[str, float], terms: Collection[str]) -> dict[str, 
     for name, scale in scales.items():
         if name not in terms:
             raise ValueError(f"reward.{name}: unknown term; choose from {', '.join(terms)}")
-        if isinstance(scale, bool) or not isinstance(scale, int | float) or not math.isfinite(scale):
-            raise ValueError(f"reward.{name}: the scale must be a finite number, got {scale!r}")
+        is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
+        if not is_number or not abs(scale) <= LARGEST:
+            raise ValueError(f"reward.{name}: the scale must be a finite number, got {short(scale)}")
     return {name: float(scale) for name, scale in scales.items() if scale != 0.0}

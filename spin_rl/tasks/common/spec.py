@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from omegaconf import DictConfig
 
+from spin_rl.config import check_value
 from spin_rl.policy import Policy
 from spin_rl.tasks.common.compose import Config, compose, task_config
 from spin_rl.tasks.common.rewards import Term
@@ -67,7 +68,8 @@ class TaskSpec(Generic[Config]):
         Raises:
             ConfigError: As `configure`.
         """
-        images = {"depth": {**(cfg["task"].get("depth") or {}), "enabled": True}}
+        depth = check_value(dict[str, Any] | None, cfg["task"].get("depth"), "task.depth")
+        images = {"depth": {**(depth or {}), "enabled": True}}
         self.configure({**cfg, "task": {**cfg["task"], **images}})
 
     def as_trained(self, overrides: Sequence[str] = ()) -> Config:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.corridors.params import GeneratorParams
-from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise
+from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
 
@@ -51,4 +51,5 @@ class NavConfig(CorridorConfig):
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""
         super().__post_init__()
+        require_positive(self, "task", ("slowness",))
         check_scales(self.reward, TERMS)

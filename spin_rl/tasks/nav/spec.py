@@ -8,7 +8,7 @@ from spin_rl.tasks.common.spec import TaskSpec
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.rewards import TERMS
 
-NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all", "way")
 NAV_OPTIONAL_GROUPS = ("depth",)
 
 NAV = TaskSpec(
