@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import yaml
 
 from spin_rl.cli import common
+from spin_rl.cli.resume import PER_CALL
 from spin_rl.config import ConfigError, Means, Range, from_keys
 from spin_rl.files import reason, remove_temporary, write_json, write_text
 from spin_rl.policy import find_policy
@@ -26,8 +27,8 @@ SourceName = Annotated[str, Means("the name or path of a policy")]
 
 LIMITS = ("max_iterations", "max_minutes")
 
-# Settings of a call rather than of the run.
-_PER_CALL = ("resume", "init", "run_dir", "max_minutes", "max_iterations", "evaluate", "device", "seed")
+# Settings whose change is nothing to tell of.
+_NOT_TOLD = (*PER_CALL, "device", "seed", "overrides")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +203,7 @@ def range_note(trained: Mapping[str, Any], values: Mapping[str, Any]) -> str:
 def _changed_settings(before: Any, now: Any, path: str = "") -> list[str]:
     """List settings that differ as `key=value`."""
     if isinstance(before, dict) and isinstance(now, dict):
-        keys = [key for key in now if path or key not in _PER_CALL]
+        keys = [key for key in now if path or key not in _NOT_TOLD]
         return [
             line
             for key in keys

@@ -131,6 +131,14 @@ def _robot_profile(values: Mapping[str, Any]) -> str:
 
 def _reward(values: Mapping[str, Any], terms: Collection[str]) -> dict[str, float]:
     try:
-        return rewards.check_scales(dict(values), terms)
+        return rewards.check_scales(_flat(values), terms)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Join the keys of nested mappings: `package: {module: {term: 0.1}}` is one term by its full name."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= _flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return flat

@@ -117,7 +117,8 @@ class TaskEnv(VecEnv):
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}")
         self._reward_scales = rewards.check_scales(cfg.reward, terms)
-        self._terms = terms
+        own = self._reward_scales.keys() - terms.keys()
+        self._terms = {**terms, **{name: rewards.outside_term(name) for name in own}}
         self.cfg = cfg
         profile = robot.SPEED_PROFILES[cfg.robot_profile]
         self.sim = Simulation(
