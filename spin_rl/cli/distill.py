@@ -66,7 +66,8 @@ def distill(call: common.Call) -> bool:
     ranks = read_ranks()
     make = partial(make_env, spec, task, options.num_envs, options.device, options.seed + 10_000 * ranks.rank)
     with run_folder.claimed(options, checkpoint) as run_dir:
-        summary = _train(options, make, values, start, checkpoint, run_dir)
+        with run_folder.videos(options, task, run_dir):
+            summary = _train(options, make, values, start, checkpoint, run_dir)
         run_folder.write_results(run_dir, summary, options)
     return run_folder.was_stopped(summary)
 

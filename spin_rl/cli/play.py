@@ -145,7 +145,7 @@ def _record(players: Players, options: Options) -> None:
         files = plots.write_plots(options.plots, episodes, player.title)
         print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {result}")
     if options.video is None and options.plots is None:
-        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {result}")
+        print(f"{result} (video=<file.mp4> keeps pictures)")
 
 
 class Players:

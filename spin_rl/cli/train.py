@@ -58,7 +58,8 @@ def train(call: common.Call) -> bool:
     task = spec.configure(values)
     checkpoint = run_folder.find_start(options)
     with run_folder.claimed(options, checkpoint) as run_dir:
-        summary = _train(options, spec, task, values, start, checkpoint, run_dir)
+        with run_folder.videos(options, task, run_dir):
+            summary = _train(options, spec, task, values, start, checkpoint, run_dir)
         run_folder.write_results(run_dir, summary, options)
     return run_folder.was_stopped(summary)
 

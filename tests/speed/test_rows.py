@@ -164,7 +164,7 @@ def test_processes_are_compared_with_one(monkeypatch):
         (run_dir,) = (word.partition("=")[2] for word in command if word.startswith("run_dir="))
         with SummaryWriter(run_dir) as writer:
             for step, rate in enumerate(rates):
-                writer.add_scalar("Perf/env_steps_per_second", rate, step)
+                writer.add_scalar("Perf/total_fps", rate, step)
         return SimpleNamespace(returncode=0)
 
     monkeypatch.setattr(train_speed.subprocess, "run", train)

@@ -111,4 +111,5 @@ def headline(result: dict[str, Any]) -> str:
     """One line that sums a result up."""
     rows = result["rows"]
     mean = sum(row["success_rate"] for row in rows) / len(rows)
-    return f"mean success {mean:.2f} over {len(rows)} cells, {sum(row['episodes'] for row in rows)} episodes"
+    cells = "1 cell" if len(rows) == 1 else f"{len(rows)} cells"
+    return f"mean success {mean:.2f} over {cells}, {sum(row['episodes'] for row in rows)} episodes"
