@@ -8,6 +8,7 @@ from typing import Any
 
 from spin_rl.benchmark.settings import noise_label
 from spin_rl.benchmark.tables.paper import REACH, PaperCell
+from spin_rl.scenes.kinds import SCENARIO_NAMES
 
 PAPER_ROWS = ("SPIN (CVO)", "FixCam")
 _MAX_CAUSES = 3
@@ -43,7 +44,9 @@ def cell_table(
         cell = row["scenario"], row["difficulty"]
         more = [say(row) for say in extra.values()]
         beside = [paper_figures(paper[name][cell]) for name in columns] if paper else []
-        body.append([str(cell[0]), cell[1], *figures(row), *more, *beside, main_causes(row)])
+        body.append(
+            [f"{cell[0]} {SCENARIO_NAMES[cell[0]]}", cell[1], *figures(row), *more, *beside, main_causes(row)]
+        )
     return "\n".join([heading, *align([header, *body]), notes(result, paper is not None)])
 
 

@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError, check_value, from_mapping
 from spin_rl.paths import CONF_DIR
+from spin_rl.scenes import kinds
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sensors.depth.size import image_shape
 from spin_rl.sim.config import SimConfig
@@ -84,6 +85,8 @@ def task_config(
     for name in groups:
         if name in task:
             raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
+    for name in kinds.CHOICES.keys() & task.keys():
+        task[name] = kinds.number_of(name, task[name], f"task.{name}")
     return from_mapping(kind, task | groups, "task")
 
 
