@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 EPISODES = 1
-LONGEST_S = 15.0
+LONGEST_S = 10.0
 """Time limit of the episode that is shown: a policy that stands still is told soon."""
 
 
