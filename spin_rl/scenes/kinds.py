@@ -19,7 +19,7 @@ CHOICES = {
     "scenario": {"any": 0, **{name: number for number, name in SCENARIO_NAMES.items()}},
     "difficulty": {"any": -1, **{name: number for number, name in enumerate(DIFFICULTIES)}},
 }
-"""Names of the values of `task.scenario` and `task.difficulty` -> the generator's numbers, a mix being `any`."""
+"""Names of the values of `task.scenario` and `task.difficulty` -> the generator's numbers; `any` is a mix."""
 
 LEVELS = ("low", "tall", "arm", "head")
 """Obstacles that the arm passes over, none passes, stand at the arm's height, hang at the head's."""

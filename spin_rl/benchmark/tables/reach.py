@@ -44,9 +44,9 @@ def cell_table(
         cell = row["scenario"], row["difficulty"]
         more = [say(row) for say in extra.values()]
         beside = [paper_figures(paper[name][cell]) for name in columns] if paper else []
-        body.append(
-            [f"{cell[0]} {SCENARIO_NAMES[cell[0]]}", cell[1], *figures(row), *more, *beside, main_causes(row)]
-        )
+        name = SCENARIO_NAMES.get(cell[0])  # a scene file is a scenario of its own
+        scenario = cell[0] if name is None else f"{cell[0]} {name}"
+        body.append([scenario, cell[1], *figures(row), *more, *beside, main_causes(row)])
     return "\n".join([heading, *align([header, *body]), notes(result, paper is not None)])
 
 
