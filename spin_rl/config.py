@@ -117,10 +117,10 @@ class Means:
 POSITIVE = Range(0.0, above=True)
 
 
-def from_keys(cls: type[T], values: Mapping[str, Any]) -> T:
+def from_keys(cls: type[T], values: Mapping[str, Any], path: str = "") -> T:
     """Build a dataclass from those keys of a larger configuration that it has; see `from_mapping`."""
     names = [f.name for f in dataclasses.fields(cls)]
-    return from_mapping(cls, {name: values[name] for name in names if name in values})
+    return from_mapping(cls, {name: values[name] for name in names if name in values}, path)
 
 
 def from_mapping(cls: type[T], values: Mapping[str, Any], path: str = "") -> T:

@@ -12,7 +12,7 @@ from spin_rl.benchmark.tables import fetch as fetch_report
 from spin_rl.benchmark.tables import pick as pick_report
 from spin_rl.benchmark.tables import reach as report
 from spin_rl.benchmark.tables import rooms as places
-from spin_rl.config import ConfigError
+from spin_rl.config import ConfigError, short
 from spin_rl.deferred import Deferred
 
 
@@ -109,8 +109,8 @@ def find(name: str | None, task: str, *, families: bool = False) -> Benchmark:
         if not own:
             raise ConfigError(f"benchmark: there is none of task={task}")
         return own[0]
-    if name not in BENCHMARKS:
-        raise ConfigError(f"benchmark: unknown {name!r}; choose from {', '.join(BENCHMARKS)}")
+    if not isinstance(name, str) or name not in BENCHMARKS:
+        raise ConfigError(f"benchmark: unknown {short(name)}; choose from {', '.join(BENCHMARKS)}")
     if BENCHMARKS[name].task != task:
         raise ConfigError(f"benchmark: {name} measures task={BENCHMARKS[name].task}, not task={task}")
     return BENCHMARKS[name]

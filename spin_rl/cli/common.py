@@ -83,7 +83,7 @@ def run(
     name: str,
     body: Body,
     complete: Callable[[list[str]], Completed],
-    keys: Collection[str],
+    keys: frozenset[str],
     refused: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Run a command: compose its configuration of the command line's overrides and call `body`.
@@ -111,14 +111,14 @@ def run(
         overrides, opened = complete(arguments)
         if not any(_is_of_hydra(argument) for argument in arguments):
             values = compose(name, overrides)
-            _check_keys(name, values, keys)
+            check_keys(name, values, keys)
             body(Call(values, overrides, opened))
             return
 
         def job(cfg: DictConfig) -> None:
             with _orderly_end(name):
                 values = plain(cfg)
-                _check_keys(name, values, keys)
+                check_keys(name, values, keys)
                 if body(Call(values, HydraConfig.get().overrides.task, opened)):
                     sys.exit(INTERRUPTED)
 
@@ -147,7 +147,7 @@ def keys_of(options: type, groups: Collection[str]) -> frozenset[str]:
     return frozenset({*(field.name for field in dataclasses.fields(options)), *groups})
 
 
-def _check_keys(name: str, values: Mapping[str, Any], keys: Collection[str]) -> None:
+def check_keys(name: str, values: Mapping[str, Any], keys: frozenset[str]) -> None:
     """Reject what nothing reads, what is missing, and what is in the place of a group.
 
     Raises:

@@ -193,6 +193,8 @@ def read_options(call: common.Call) -> Options:
     """
     values = call.values
     asked = _TRIPS if values["benchmark"] is None and values["starts"] is not None else values["benchmark"]
+    if values["benchmark"] is None and asked == _TRIPS and values["task"].get("name") != "nav":
+        raise ConfigError(f"starts: benchmark={_TRIPS} draws them, which measures task=nav")
     benchmark = benchmarks.find(asked, values["task"].get("name"), families="shares" in values["scene"])
     counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
     if values["analysis"] == "camera":

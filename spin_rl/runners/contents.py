@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import torch
 
-from spin_rl.config import Range, check_value, from_keys, from_mapping
+from spin_rl.config import Length, Range, check_value, from_keys, from_mapping
 
 LARGEST_WEIGHT = 1e6
 """Of parameters and of a normalizer's statistics: beyond it a model computes nothing of use."""
@@ -54,7 +54,7 @@ class Checkpoint(Progress):
     obs_dims: Dims
     config: str
     optimizer: dict[str, Any]
-    processes: tuple[ProcessState, ...]
+    processes: Annotated[tuple[ProcessState, ...], Length(1, 100_000)]
     algorithm: dict[str, Any] = field(default_factory=dict)
 
 
@@ -108,11 +108,11 @@ def check_checkpoint(state: Mapping[str, Any], source: str) -> tuple[RunnerSecti
         except (ValueError, RecursionError):
             raise ValueError("config: expected JSON") from None
         config = from_mapping(_Config, content, "config")
-        runner = from_keys(RunnerSections, config.runner)
+        runner = from_keys(RunnerSections, config.runner, "config.runner")
         check_run(config.run)
         for name in ("actor", "critic"):
-            if name in state:
-                check_weights(state[name], name)
+            if name == "actor" or name in state:
+                check_weights(state.get(name), name)
         _check_finite(checkpoint.optimizer, "optimizer")
         _check_finite([process.env for process in checkpoint.processes], "processes")
         _check_described(runner.obs_groups.get("actor", ()), checkpoint.obs_dims)

@@ -10,7 +10,7 @@ import hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
-from spin_rl.config import ConfigError, check_value, from_mapping
+from spin_rl.config import ConfigError, check_value, from_mapping, short
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes import kinds
 from spin_rl.sensors.depth.pipeline import DepthConfig
@@ -72,7 +72,7 @@ def task_config(
     task = dict(values["task"])
     given = task.pop("name", None)
     if given != name:
-        raise ConfigError(f"task: {given!r} is not a task of this command; use {name}")
+        raise ConfigError(f"task: {short(given)} is not a task of this command; use {name}")
     groups = {
         "robot_profile": _robot_profile(values["robot"]),
         "scene": from_mapping(scene, values["scene"], "scene"),
@@ -80,7 +80,7 @@ def task_config(
         "reward": _reward(values.get("reward") or {}, terms),
         "depth": from_mapping(DepthConfig, values.get("depth") or {}, "depth"),
     }
-    if not _depth_is_enabled(task.pop("depth", {})):
+    if not depth_is_enabled(task.pop("depth", {})):
         groups["depth"] = None
     for name in groups:
         if name in task:
@@ -112,7 +112,12 @@ def with_depth(values: Mapping[str, Any]) -> dict[str, Any]:
     return dict(values) | {"runner": runner, "task": task}
 
 
-def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
+def depth_is_enabled(values: Mapping[str, Any]) -> bool:
+    """Read the section `task.depth`.
+
+    Raises:
+        ConfigError: It has another key, or a value that is neither true nor false.
+    """
     unknown = sorted(map(str, set(check_value(dict[str, Any], values, "task.depth")) - {"enabled"}))
     if unknown:
         raise ConfigError(f"task.depth.{unknown[0]}: unknown key; noise and filter are a group of their own")

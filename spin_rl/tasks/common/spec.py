@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from spin_rl.config import check_value
 from spin_rl.policy import Policy
-from spin_rl.tasks.common.compose import Config, compose, task_config
+from spin_rl.tasks.common.compose import Config, compose, depth_is_enabled, task_config
 from spin_rl.tasks.common.rewards import Term
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ class TaskSpec(Generic[Config]):
             ConfigError: As `configure`.
         """
         depth = check_value(dict[str, Any] | None, cfg["task"].get("depth"), "task.depth")
+        depth_is_enabled(depth or {})
         images = {"depth": {**(depth or {}), "enabled": True}}
         self.configure({**cfg, "task": {**cfg["task"], **images}})
 
