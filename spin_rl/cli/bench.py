@@ -85,7 +85,7 @@ def bench(call: common.Call) -> None:
     print(throughput.table(rows))
     headline = ", ".join(f"{row.name} {row.value:,.4g} {row.unit}" for row in rows[:1])
     if options.out is None:
-        print(f"Wrote nothing, out=<file.json> keeps the figures: {headline}")
+        print(f"{headline} (out=<file.json> keeps the figures)")
         return
     write_json(options.out, result)
     print(f"Wrote {options.out}: {len(rows)} rows, {headline}")

@@ -101,24 +101,24 @@ def run(
         refused: Arguments that this command cannot take, and why.
     """
     arguments = sys.argv[1:]
+    sys.path.append(os.getcwd())  # for rewards of one's own; last, so that nothing here hides a package
     if help_text.is_asked_for(arguments):
         print(help_text.of(name))
         return
     with _orderly_end(name):
-        refusals.refuse_additions(name, arguments)
         for argument in arguments:
             _refuse(argument, refused)
         overrides, opened = complete(arguments)
         if not any(_is_of_hydra(argument) for argument in arguments):
             values = compose(name, overrides)
-            check_keys(values, keys)
+            check_keys(name, values, keys)
             body(Call(values, overrides, opened))
             return
 
         def job(cfg: DictConfig) -> None:
             with _orderly_end(name):
                 values = plain(cfg)
-                check_keys(values, keys)
+                check_keys(name, values, keys)
                 if body(Call(values, HydraConfig.get().overrides.task, opened)):
                     sys.exit(INTERRUPTED)
 
@@ -147,7 +147,7 @@ def keys_of(options: type, groups: Collection[str]) -> frozenset[str]:
     return frozenset({*(field.name for field in dataclasses.fields(options)), *groups})
 
 
-def check_keys(values: Mapping[str, Any], keys: frozenset[str]) -> None:
+def check_keys(name: str, values: Mapping[str, Any], keys: frozenset[str]) -> None:
     """Reject what nothing reads, what is missing, and what is in the place of a group.
 
     Raises:
@@ -155,7 +155,7 @@ def check_keys(values: Mapping[str, Any], keys: frozenset[str]) -> None:
     """
     for key in values:
         if key not in keys:
-            raise ConfigError(f"{key}: unknown key; choose from {', '.join(sorted(keys))}")
+            raise ConfigError(refusals.unknown_key(key, name))
     for key in GROUPS:
         if key in keys:
             check_value(dict[str, Any], values.get(key), key)

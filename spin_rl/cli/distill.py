@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import check_task
 from spin_rl.cli import common, run_folder, task_choice
+from spin_rl.cli.resume import to_keep, with_settings_of_run
 from spin_rl.config import Choice, ConfigError, check_value
 from spin_rl.ranks import read_ranks
 from spin_rl.tasks.common.compose import with_depth
@@ -39,7 +40,7 @@ def main() -> None:
     """Entry point of the `spin-distill` command."""
 
     def complete(given: list[str]) -> common.Completed:
-        given = common.with_preset(given, "distill_preset")
+        given = with_settings_of_run(given) or common.with_preset(given, "distill_preset")
         return task_choice.with_task(given, "teacher")
 
     keys = common.keys_of(Options, common.GROUPS - {"algo"})
@@ -65,7 +66,8 @@ def distill(call: common.Call) -> bool:
     ranks = read_ranks()
     make = partial(make_env, spec, task, options.num_envs, options.device, options.seed + 10_000 * ranks.rank)
     with run_folder.claimed(options, checkpoint) as run_dir:
-        summary = _train(options, make, values, start, checkpoint, run_dir)
+        with run_folder.videos(options, task, run_dir):
+            summary = _train(options, make, values, start, checkpoint, run_dir)
         run_folder.write_results(run_dir, summary, options)
     return run_folder.was_stopped(summary)
 
@@ -157,7 +159,7 @@ def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> d
     encoder = check_value(dict[str, Any], runner.pop("depth_encoder", None), "runner.depth_encoder")
     runner |= student_config(teacher.metadata, encoder, further)
     check_distillation(runner, spec.groups, options.num_envs)
-    return with_depth(values | {"runner": runner})
+    return with_depth(values | {"runner": runner, "overrides": to_keep(options.overrides)})
 
 
 if __name__ == "__main__":

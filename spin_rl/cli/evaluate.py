@@ -113,7 +113,7 @@ def evaluate(call: common.Call) -> bool:
     headline = writer.headline(result)
     print(writer.table(result))
     if options.out is None:
-        print(f"Wrote nothing, out=<file.json> keeps the numbers: {headline}")
+        print(f"{headline[0].upper()}{headline[1:]} (out=<file.json> keeps the numbers)")
     else:
         write_json(options.out, result)
         print(f"Wrote {options.out}: {headline}")

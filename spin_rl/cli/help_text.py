@@ -39,7 +39,7 @@ def of(name: str) -> str:
             "Keys (key=value; those of a group are group.key=value):",
             *(_row(match, match["meaning"]) for match in keys),
             "",
-            f"All keys: spin-{name} --cfg=job. Several calls, one after the other: spin-{name} -m seed=1,2,3.",
+            f"All keys: spin-{name} --cfg=job. Several calls one after the other: spin-{name} -m seed=1,2,3.",
         ]
     )
 

@@ -13,7 +13,7 @@ from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
-from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS, number_of
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.registry import TASKS, TaskSpec, find_task
@@ -145,7 +145,7 @@ def _record(players: Players, options: Options) -> None:
         files = plots.write_plots(options.plots, episodes, player.title)
         print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {result}")
     if options.video is None and options.plots is None:
-        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {result}")
+        print(f"{result} (video=<file.mp4> keeps pictures)")
 
 
 class Players:
@@ -209,8 +209,11 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
     """
     values = call.values
     default = "none" if values["video"] or values["plots"] else "viser"
+    numbers = {key: number_of(key, values[key], key) for key in ("scenario", "difficulty")}
+    level = numbers["difficulty"]
+    named = {"difficulty": DIFFICULTIES[level]} if level in range(len(DIFFICULTIES)) else {}
     found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
-    options = from_keys(Options, values | found)
+    options = from_keys(Options, values | {"scenario": numbers["scenario"]} | named | found)
     policies.check_name(options.policy)
     if options.world is not None and options.scene_file is not None:
         raise ConfigError("world: a scene file is the same in every world")

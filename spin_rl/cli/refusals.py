@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from hydra.errors import HydraException, OverrideParseException
 
 from spin_rl import files
-from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common.compose import compose
 
@@ -45,20 +44,7 @@ def reason(error: Exception, name: str, arguments: Sequence[str]) -> str:
     return text
 
 
-def refuse_additions(name: str, arguments: Iterable[str]) -> None:
-    """Reject keys that a command line adds at the top with +: nothing would read them.
-
-    Raises:
-        ConfigError: One line that names the key.
-    """
-    keys = [argument.lstrip("+").partition("=")[0] for argument in arguments if argument.startswith("+")]
-    for key in keys:
-        top = re.split(r"[.@/]", key)[0]
-        if not (CONF_DIR / top).is_dir() and top not in compose(name):
-            raise ConfigError(unknown_key(top, name, ()))
-
-
-def unknown_key(key: str, name: str, arguments: Sequence[str]) -> str:
+def unknown_key(key: str, name: str, arguments: Sequence[str] = ()) -> str:
     """Say that there is no such key, and which may have been meant."""
     tasks = [argument for argument in arguments if argument.startswith("task=")]
     values: Any = compose(name, tasks)

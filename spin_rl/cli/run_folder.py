@@ -13,11 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import yaml
 
 from spin_rl.cli import common
+from spin_rl.cli.resume import PER_CALL
+from spin_rl.cli.videos import made_on_the_way
 from spin_rl.config import ConfigError, Means, Range, from_keys
+from spin_rl.extras import require
 from spin_rl.files import reason, remove_temporary, write_json, write_text
 from spin_rl.policy import find_policy
 from spin_rl.ranges import Count, Minutes, NumEnvs, Seed
 from spin_rl.ranks import read_ranks
+from spin_rl.tasks.common.config import TaskConfig
 
 if TYPE_CHECKING:
     from spin_rl.runners.policy_file import TrainedPolicy
@@ -26,8 +30,8 @@ SourceName = Annotated[str, Means("the name or path of a policy")]
 
 LIMITS = ("max_iterations", "max_minutes")
 
-# Settings of a call rather than of the run.
-_PER_CALL = ("resume", "init", "run_dir", "max_minutes", "max_iterations", "evaluate", "device", "seed")
+# Settings whose change is nothing to tell of.
+_NOT_TOLD = (*PER_CALL, "device", "seed", "overrides")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +47,7 @@ class RunOptions:
         resume: Run folder or checkpoint to continue, or None.
         init: Policy whose weights to start from, or None.
         evaluate: Episodes of the benchmark after training; 0 for none.
+        video_minutes: Time between videos of the latest policy [min], or None.
         device: "cpu" or "cuda:N".
         overrides: Those of the command line.
     """
@@ -55,6 +60,7 @@ class RunOptions:
     resume: Path | None
     init: SourceName | None
     evaluate: Annotated[int, Range(0, 1_000_000)]
+    video_minutes: Minutes | None
     device: str
     overrides: tuple[str, ...]
 
@@ -74,6 +80,11 @@ def read_options(kind: type[Options], values: Mapping[str, Any], overrides: Sequ
         ConfigError: One line that names the key.
     """
     device = common.resolve_device(values["device"])
+    if values["video_minutes"] is not None:
+        for module, package in (("imageio_ffmpeg", "imageio[ffmpeg]"), ("PIL", "pillow")):
+            require(module, package, "viewer", "video_minutes")
+    if dict(values["runner"]).get("wandb_project") is not None:
+        require("wandb", "wandb", "wandb", "runner.wandb_project")
     return from_keys(kind, {**values, "device": device, "overrides": tuple(overrides)})
 
 
@@ -202,7 +213,7 @@ def range_note(trained: Mapping[str, Any], values: Mapping[str, Any]) -> str:
 def _changed_settings(before: Any, now: Any, path: str = "") -> list[str]:
     """List settings that differ as `key=value`."""
     if isinstance(before, dict) and isinstance(now, dict):
-        keys = [key for key in now if path or key not in _PER_CALL]
+        keys = [key for key in now if path or key not in _NOT_TOLD]
         return [
             line
             for key in keys
@@ -240,6 +251,12 @@ def write_results(run_dir: Path, summary: dict[str, Any], options: RunOptions) -
             announce=common.announced,
             overrides=options.overrides,
         )
+
+
+def videos(options: RunOptions, task: TaskConfig, run_dir: Path) -> contextlib.AbstractContextManager[None]:
+    """Make the videos that the call asks for while its run goes on; only the main process does."""
+    minutes = options.video_minutes if common.is_main_process() else None
+    return made_on_the_way(run_dir, minutes, task.episode_s)
 
 
 def was_stopped(summary: Mapping[str, Any]) -> bool:

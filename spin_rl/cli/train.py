@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spin_rl.cli import common, run_folder
+from spin_rl.cli.resume import to_keep, with_settings_of_run
 from spin_rl.cli.task_choice import UNTRAINABLE
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.ranks import read_ranks
@@ -38,7 +39,7 @@ def main() -> None:
     common.run(
         "train",
         train,
-        lambda given: (common.with_preset(given), None),
+        lambda given: (with_settings_of_run(given) or common.with_preset(given), None),
         common.keys_of(Options, common.GROUPS),
         UNTRAINABLE,
     )
@@ -51,13 +52,14 @@ def train(call: common.Call) -> bool:
     the result's benchmark. Bad settings are found before anything is written or compiled.
     """
     spec = find_task(call.values["task"].get("name"))
-    options, start = read_options(call.values, call.overrides)
     spec.check(call.values)
-    values = with_depth(call.values)
+    options, start = read_options(call.values, call.overrides)
+    values = with_depth(call.values) | {"overrides": to_keep(call.overrides)}
     task = spec.configure(values)
     checkpoint = run_folder.find_start(options)
     with run_folder.claimed(options, checkpoint) as run_dir:
-        summary = _train(options, spec, task, values, start, checkpoint, run_dir)
+        with run_folder.videos(options, task, run_dir):
+            summary = _train(options, spec, task, values, start, checkpoint, run_dir)
         run_folder.write_results(run_dir, summary, options)
     return run_folder.was_stopped(summary)
 

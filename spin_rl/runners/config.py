@@ -26,11 +26,12 @@ SETTINGS = {
     "num_steps_per_env": NumSteps,
     "save_interval": Count,
     "save_minutes": Minutes | None,
+    "wandb_project": str | None,
     "obs_groups": dict[str, tuple[str, ...]],
     "algorithm": dict[str, Any],
 }
 """Settings of every runner, beside a section for each of its models."""
-OPTIONAL_KEYS = {"class_name", "seed", "save_minutes"}
+OPTIONAL_KEYS = {"class_name", "seed", "save_minutes", "wandb_project"}
 MODEL_ARGUMENTS = ("obs", "obs_groups", "obs_set", "output_dim")
 """Arguments of a model that are not settings."""
 

@@ -128,7 +128,7 @@ class TrainingLoop(OnPolicyRunner):
         events = self.run_dir if self.processes.is_main else None
         saver = Saver(self.run_dir, self.cfg["save_interval"], self.cfg.get("save_minutes"))
         self._leave_other_branch()
-        with StopRequest() as self._stop, closing(ScalarWriter(events, limits.first_iteration)) as writer:
+        with StopRequest() as self._stop, closing(self._scalar_writer(events, limits)) as writer:
             start = time.monotonic()
             self._deadline = math.inf if max_minutes is None else start + 60.0 * max_minutes
             try:
@@ -276,9 +276,9 @@ class TrainingLoop(OnPolicyRunner):
         scalars |= {
             "Loss/learning_rate": self.alg.learning_rate,
             "Perf/env_steps": self.env_steps,
-            "Perf/env_steps_per_second": steps / (end - start),
-            "Perf/collect_s": middle - start,
-            "Perf/learn_s": end - middle,
+            "Perf/total_fps": steps / (end - start),
+            "Perf/collection_time": middle - start,
+            "Perf/learning_time": end - middle,
         }
         return obs, scalars | self._scalars(losses)
 
@@ -310,7 +310,8 @@ class TrainingLoop(OnPolicyRunner):
         success, mean_return = self.episodes.mean("success_rate"), self.episodes.mean("mean_return")
         if math.isnan(success):
             return "no episode over yet"
-        return f"success {success:.1%} | return {mean_return:.2f}"
+        level = self.episodes.mean("level")
+        return f"level {level:.2f} | success {success:.1%} | return {mean_return:.2f}"
 
     def _state(self, alone: bool = False) -> dict[str, Any]:
         """Everything that `load` restores, complete in the main process.
@@ -349,6 +350,10 @@ class TrainingLoop(OnPolicyRunner):
         if self.run_dir is not None:
             for path in self.env.dump_non_finite(self.run_dir / "non_finite"):
                 print(f"\nA world turned non-finite and was reset; its last states: {path}", flush=True)
+
+    def _scalar_writer(self, folder: Path | None, limits: Limits) -> ScalarWriter:
+        project, config = self.cfg.get("wandb_project"), json.loads(self.config_text)
+        return ScalarWriter(folder, limits.first_iteration, project, config)
 
     def _reason_to_stop(self, signal_name: str | None, limits: Limits) -> str | None:
         """Name the signal or the limit that ends the run now, all processes at once."""
@@ -431,8 +436,10 @@ class TrainingLoop(OnPolicyRunner):
         }
 
     def _text(self, limits: Limits) -> str:
+        iteration = self.current_learning_iteration
+        by_iterations = limits.ends_by_iterations(iteration)
         parts = [
-            f"iteration {self.current_learning_iteration}/{limits.max_iterations}",
+            f"iteration {iteration}" + (f"/{limits.max_iterations}" if by_iterations else ""),
             f"{self.env_steps / 1e6:.3f} M env steps",
             f"{self._steps_per_second(limits):.0f}/s",
             self._results(),

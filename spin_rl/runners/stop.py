@@ -47,8 +47,15 @@ class Limits:
 
     def progress(self, iteration: int) -> float:
         """Return the part of the run that is over, from 0 to 1, by the limit that is nearer."""
-        time_part = 0.0 if self.max_minutes is None else self.elapsed_s / (60.0 * self.max_minutes)
-        return min(1.0, max(iteration / self.max_iterations, time_part))
+        return min(1.0, max(iteration / self.max_iterations, self._time_part))
+
+    def ends_by_iterations(self, iteration: int) -> bool:
+        """Whether the limit of iterations is the nearer one."""
+        return iteration / self.max_iterations >= self._time_part
+
+    @property
+    def _time_part(self) -> float:
+        return 0.0 if self.max_minutes is None else self.elapsed_s / (60.0 * self.max_minutes)
 
     @property
     def time_is_over(self) -> bool:

@@ -2,11 +2,11 @@ import json
 from dataclasses import asdict, replace
 
 import pytest
-from spin_rl.benchmark.untrained import ZeroPolicy
 
 from spin_rl.benchmark import after_training, policies
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.reach import REACH_CELLS
+from spin_rl.benchmark.untrained import ZeroPolicy
 from spin_rl.tasks.nav.spec import NAV
 
 

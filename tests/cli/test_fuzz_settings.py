@@ -86,7 +86,7 @@ def refusal(command, values, path=()):
     """What a command says of a configuration, None if it would begin; `path` is what the user has set."""
     name = command.split()[0]
     try:
-        common.check_keys(values, KEYS[name])
+        common.check_keys(name, values, KEYS[name])
         COMMANDS[command][0](common.Call(values, [*COMMANDS[command][1], ".".join(map(str, path)) + "=x"]))
     except Reached:
         return None

@@ -19,8 +19,9 @@ from spin_rl.viewer.native import draw_scandots, pose
         (["policy=zero", "scenario=3"], "scenario: unknown 3; choose from 1, 2"),
         (
             ["policy=zero", "difficulty=brutal"],
-            "difficulty: unknown 'brutal'; choose from easy, medium, hard",
+            "difficulty: unknown 'brutal'; choose from any, easy, medium, hard",
         ),
+        (["policy=zero", "difficulty=any"], "difficulty: unknown 'any'; choose from easy, medium, hard"),
         (["policy=zero", "episodes=0"], "episodes: expected a whole number"),
         (["policy=zero", "viewer=holo"], "viewer: unknown 'holo'; choose from viser, native, none"),
         (["policy=zero", "viewer=native"], "viewer: native needs a display"),

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-from spin_rl.benchmark.untrained import RandomPolicy, ZeroPolicy
 from viewer_worlds import SCENE, fetch_snapshot, snapshot
 
 from spin_rl import robot
+from spin_rl.benchmark.untrained import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.depth.filter import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
@@ -17,7 +17,8 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
-from spin_rl.viewer.rollout import Player, scandots_of
+from spin_rl.viewer.reader import scandots_of
+from spin_rl.viewer.rollout import Player
 from spin_rl.viewer.video import play
 
 

@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from spin_rl.config import ConfigError, check_value, from_mapping, short
 from spin_rl.paths import CONF_DIR
+from spin_rl.scenes import kinds
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.sensors.depth.size import image_shape
 from spin_rl.sim.config import SimConfig
@@ -84,6 +85,8 @@ def task_config(
     for name in groups:
         if name in task:
             raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
+    for name in kinds.CHOICES.keys() & task.keys():
+        task[name] = kinds.number_of(name, task[name], f"task.{name}")
     return from_mapping(kind, task | groups, "task")
 
 
@@ -136,6 +139,14 @@ def _robot_profile(values: Mapping[str, Any]) -> str:
 
 def _reward(values: Mapping[str, Any], terms: Collection[str]) -> dict[str, float]:
     try:
-        return rewards.check_scales(dict(values), terms)
+        return rewards.check_scales(_flat(values), terms)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Join the keys of nested mappings: `package: {module: {term: 0.1}}` is one term by its full name."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= _flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return flat

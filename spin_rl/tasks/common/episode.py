@@ -77,6 +77,18 @@ def move_level(w: int, outcome: int, up: float, down: float, level: wp.array[flo
 
 
 @wp.kernel
+def choose_non_finite(
+    # In
+    outcome: wp.array(dtype=wp.int32),
+    # Out
+    chosen_out: wp.array(dtype=bool),
+) -> None:
+    """Choose the worlds that turned non-finite: nothing in them may be read."""
+    w = wp.tid()
+    chosen_out[w] = outcome[w] == NON_FINITE
+
+
+@wp.kernel
 def begin(
     # In
     mask: wp.array(dtype=bool),

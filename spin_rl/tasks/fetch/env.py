@@ -219,6 +219,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             collision=self.outcome == episode.COLLISION,
             action=action,
             last_action=self._last_action,
+            observations=self._observed,
             reached=self._reached,
             picked=self._picked,
         )

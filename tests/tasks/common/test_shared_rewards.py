@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.tasks.common import rewards
@@ -12,6 +13,7 @@ YES_IN_SECOND = torch.tensor([False, True])
 def transition(**values) -> rewards.Transition:
     """Two worlds in which nothing happens, but for the given values."""
     quiet = {"qvel": torch.zeros(2, 13), "action": torch.zeros(2, 10), "last_action": torch.zeros(2, 10)}
+    quiet["observations"] = TensorDict(batch_size=[2])
     quiet |= {name: torch.zeros(2, dtype=torch.bool) for name in ("success", "collision")}
     return rewards.Transition(**quiet | values)
 

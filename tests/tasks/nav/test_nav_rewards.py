@@ -3,6 +3,7 @@
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
+from tensordict import TensorDict
 
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common import episode
@@ -24,6 +25,7 @@ def transition(**values) -> rewards.NavTransition:
         "self_contact": torch.zeros(2, dtype=torch.bool),
         "action": torch.zeros(2, 10),
         "last_action": torch.zeros(2, 10),
+        "observations": TensorDict(batch_size=[2]),
         "haste": torch.zeros(2),
     }
     return rewards.NavTransition(**quiet | values)
