@@ -225,7 +225,7 @@ def _convert(hint: Any, value: Any, where: str, expected: str = "", limited: boo
         value = float(value)
     if type(value) is not hint or (hint is str and not value):
         raise refused
-    if limited and hint in (int, float) and not abs(value) <= LARGEST:
+    if limited and isinstance(value, int | float) and not abs(value) <= LARGEST:
         raise ConfigError(
             f"{where}: expected {expected} of at most {LARGEST:g} either way, got {short(value)}"
         )

@@ -148,7 +148,8 @@ class ScandotModel(MLPModel):
         """Learn the statistics of the flat groups from a batch of observations, cut off at a limit."""
         if self.obs_normalization:
             flat = torch.cat([obs[group] for group in self.obs_groups], dim=-1)
-            self.obs_normalizer.update(flat.clamp(-NORMALIZED_LIMIT, NORMALIZED_LIMIT))
+            normalizer: Any = self.obs_normalizer
+            normalizer.update(flat.clamp(-NORMALIZED_LIMIT, NORMALIZED_LIMIT))
 
     def get_hidden_state(self) -> LSTMState | None:
         """Return the memory; None without one, or before the first step."""

@@ -25,7 +25,7 @@ SETTINGS = {
     "seed": Seed,
     "num_steps_per_env": NumSteps,
     "save_interval": Count,
-    "save_minutes": Minutes | None,
+    "save_minutes": Minutes | None,  # pyright: ignore[reportOperatorIssue] - a type, also as a value
     "wandb_project": str | None,
     "obs_groups": dict[str, tuple[str, ...]],
     "algorithm": dict[str, Any],

@@ -75,7 +75,9 @@ def _check_events(text: str) -> None:
 
     Aliases are counted as what they stand for: a few lines of them can stand for billions of values.
     """
-    open_counts, open_anchors, sizes = [0], [""], {}
+    open_counts = [0]
+    open_anchors: list[str | None] = [None]
+    sizes: dict[str | None, int] = {}
     for event in yaml.parse(text, Loader=_SafeLoader):
         size, anchor, problem = 0, getattr(event, "anchor", None), None
         if isinstance(event, yaml.CollectionStartEvent):
