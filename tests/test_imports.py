@@ -11,10 +11,10 @@ import spin_rl
 ROOT = Path(spin_rl.__file__).parent
 LAYERS = (  # a package imports from those of the lines below its own
     {"cli"},
-    {"analysis", "speed"},
+    {"analysis", "speed", "export"},
     {"benchmark", "viewer"},
     {"tasks", "runners"},
-    {"detection"},
+    {"detection", "deploy"},
     {"sensors", "planning", "models"},
     {"sim"},
     {"scenes"},
