@@ -17,6 +17,7 @@ ARRIVED, TIME_OVER = "arrived", "time is over"
 _FIRST_INPUTS_S = 5.0
 """How long devices may take to their first state and image."""
 _STOP_TRIES = 3
+_INSTANT_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -114,13 +115,12 @@ class ControlLoop:
         while True:
             clock.sleep_until(start + tick * self._period)
             now = clock.now()
-            reason = signals.name or self._step(tick, now - start - tick * self._period)
-            if reason is None and now - start >= max_s:
-                reason = TIME_OVER
+            reason = signals.name or (TIME_OVER if now - start >= max_s - _INSTANT_S else None)
+            reason = reason or self._step(tick, now - start - tick * self._period)
             if reason is not None:
                 return self._end(reason + self._stand(), reason not in (ARRIVED, TIME_OVER), now - start)
             # The next tick that has not passed; those before it are lost, not made up for.
-            due = max(tick + 1, math.ceil((clock.now() - start) / self._period - 1e-9))
+            due = max(tick + 1, math.ceil((clock.now() - start) / self._period - _INSTANT_S))
             self._missed += due - tick - 1
             tick = due
 

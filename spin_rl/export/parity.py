@@ -44,7 +44,9 @@ class Parity:
         return self.action_error < TOLERANCE and self.state_error < TOLERANCE
 
 
-def compare(network: Network, actor: ScandotRecurrentModel, seed: int = 0) -> Parity:
+def compare(
+    network: Network, actor: ScandotRecurrentModel, num_steps: int = NUM_STEPS, seed: int = 0
+) -> Parity:
     """Step both with the same random observations, each with its own memory, with resets in between.
 
     Flat groups are drawn as the actor's normalization knows them from training, images as planes with noise,
@@ -53,12 +55,13 @@ def compare(network: Network, actor: ScandotRecurrentModel, seed: int = 0) -> Pa
     Args:
         network: The exported policy.
         actor: The trained one, on the CPU.
+        num_steps: Steps to make.
         seed: Of the observations.
     """
     rng = np.random.default_rng(seed)
     dims = {group.name: group.size for group in network.contract.observations}
     resets, action_error, state_error = 0, 0.0, 0.0
-    for step in range(NUM_STEPS):
+    for step in range(num_steps):
         if step == 0 or rng.random() < 1.0 / _EPISODE_STEPS:
             network.reset()
             actor.reset()
@@ -72,7 +75,7 @@ def compare(network: Network, actor: ScandotRecurrentModel, seed: int = 0) -> Pa
         assert state is not None
         for name, tensor in zip(STATE, state, strict=True):
             state_error = max(state_error, float(np.abs(network.memory[name] - tensor.numpy()).max()))
-    return Parity(NUM_STEPS, resets, action_error, state_error)
+    return Parity(num_steps, resets, action_error, state_error)
 
 
 def draw(

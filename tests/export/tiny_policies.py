@@ -1,6 +1,6 @@
 """Policies with few, random weights: what tests/data/tiny_*.onnx were exported from.
 
-    python tests/export/tiny_policies.py    # writes them anew, after the metadata has changed
+python tests/export/tiny_policies.py    # writes them anew, after the metadata has changed
 """
 
 import json
@@ -15,7 +15,7 @@ from spin_rl.runners.policy_file import build_model, read_policy
 DATA = Path(__file__).parents[1] / "data"
 LIKE = {"tiny_nav": "nav-cvo-depth", "tiny_pick": "pick-depth"}
 FILTER = {"dilate_px": 1, "close_px": 4, "fill_px": 3, "median_support": 2, "blur": 0.5, "memory": 0.4}
-FILTER |= {"hold_steps": 3, "near_m": 0.2, "far_m": 4.0}
+FILTER |= {"hold_steps": 3}
 
 
 def tiny_metadata(name: str, **changes) -> dict:
@@ -26,6 +26,7 @@ def tiny_metadata(name: str, **changes) -> dict:
     actor["hidden_dims"] = [8] if actor["hidden_dims"] else []
     if "depth_encoder" in actor:
         actor["depth_encoder"] |= {"channels": [2, 2], "kernels": [8, 4], "strides": [8, 4], "hidden": [8]}
+        actor["depth_encoder"] |= {"hand_window": 8} if name == "tiny_pick" else {}
     if metadata["config"]["depth"] is not None:
         metadata["config"]["depth"]["filter"] |= FILTER
     metadata["facts"] = {"command": "none: random weights, for tests"}
@@ -40,7 +41,7 @@ def make_tiny(name: str, folder: Path, seed: int = 1, **changes) -> Path:
     torch.manual_seed(seed)
     model = build_model(metadata["actor"], "actor", dims, metadata["num_actions"])
     for parameter in model.parameters():  # actions that are neither constant nor at their limits
-        torch.nn.init.normal_(parameter, std=0.3)
+        torch.nn.init.normal_(parameter, std=0.2)
     weights = {key: value.contiguous() for key, value in model.state_dict().items()}
     path = folder / f"{name}.safetensors"
     safetensors.torch.save_file(weights, path, {"spin_rl": json.dumps(metadata)})
