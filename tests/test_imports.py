@@ -62,6 +62,8 @@ def upward(layers, above):
         if file.parts[: depth - 1] != tuple(above.split(".")[1:]) or path[:depth] != tuple(above.split(".")):
             continue
         own, other = file.parts[depth - 1].removesuffix(".py"), path[depth]
+        if other.startswith("__"):  # the package's own version
+            continue
         if own != other and level[own] >= level[other]:
             wrong.append(f"{file}: {module} {name}")
     return wrong
