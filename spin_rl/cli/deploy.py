@@ -65,6 +65,8 @@ def main() -> None:
     try:
         options, settings = read_arguments(arguments)
         status = _replay(options) if options.replay is not None else _deploy(options, settings)
+    except KeyboardInterrupt:
+        status = 3
     except (ValueError, OSError) as error:
         if os.environ.get("HYDRA_FULL_ERROR") == "1":
             raise

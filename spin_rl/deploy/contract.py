@@ -132,6 +132,15 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Scandots:
+    """Which corners of obstacles a simulator tells; see `tasks.common.config.ScandotsConfig`."""
+
+    window_m: Positive
+    near_m: Positive
+    occlusion: bool
+
+
+@dataclass(frozen=True)
 class Goal:
     """How goals are told.
 
@@ -177,6 +186,7 @@ class Contract:
         rate_hz: Control steps a second.
         camera: The depth camera.
         depth_filter: Filter of its images, see `DepthFilterConfig`; None without images.
+        scandots: Which corners of obstacles are told; None for a policy that is told none.
         goal: How goals are told; None for a policy without.
         speed_profile: How fast the robot was.
         state: Of each input that holds memory: `next`, the output that is its next value, `shape`, and
@@ -201,6 +211,7 @@ class Contract:
     rate_hz: Positive
     camera: Camera
     depth_filter: DepthFilterConfig | None
+    scandots: Scandots | None
     goal: Goal | None
     speed_profile: Profile
     state: dict

@@ -38,6 +38,10 @@ def summary(contract: Contract) -> str:
     if contract.depth_filter is not None:
         steps = ", ".join(f"{key} {value:g}" for key, value in vars(contract.depth_filter).items())
         lines.append(f"Depth filter: {steps}")
+    if contract.scandots is not None:
+        known = contract.scandots
+        hidden = "hidden ones left out" if known.occlusion else "hidden ones too"
+        lines.append(f"Scandots: corners within {known.window_m:g} m, {hidden}")
     if contract.goal is not None:
         far = (
             "as far as it is"

@@ -61,6 +61,7 @@ def describe(policy: TrainedPolicy, units: int) -> Contract:
         rate_hz=round(1.0 / from_mapping(SimConfig, config["sim"], "sim").control_period, 6),
         camera=camera,
         depth_filter=depth_filter,
+        scandots=from_mapping(parts.Scandots, task["scandots"], "task.scandots") if is_simulated else None,
         goal=parts.Goal(task.get("goal_range_m"), task["goal_tolerance_m"]) if "goal" in names else None,
         speed_profile=_profile(config["robot"]["profile"]),
         state={

@@ -9,8 +9,12 @@ import torch
 import warp as wp
 
 from spin_rl.deploy.agent import Agent, Inputs
+from spin_rl.deploy.backends.mujoco import MujocoRobot
 from spin_rl.deploy.interface import RobotState
 from spin_rl.deploy.network import Network
+from spin_rl.export.describe import describe
+from spin_rl.models.pointnet import NUM_FLAGS, TOKEN_DIM
+from spin_rl.runners.policy_file import read_policy
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.tasks.common.proprioception import joints
@@ -93,14 +97,14 @@ def test_a_robot_that_drives_is_told_what_policies_are_told_in_training(make_nav
     contract = with_filter(Network(DATA / "tiny_nav.onnx"), EVERY_STEP)
     contract = replace(contract, goal=replace(contract.goal, range_m=goal_range_m))
     count = 0
-    for ours, theirs in steps(env, contract, goal=lambda e: wp_goal(e)):
+    for ours, theirs in steps(env, contract, goal=goal_of):
         assert set(ours) == {"proprio", "goal", "depth"}
         assert_same(ours, theirs)
         count += 1
     assert count > 5
 
 
-def wp_goal(env):
+def goal_of(env):
     return wp.to_torch(env.sim.layout.goal)[WORLD].cpu().double().numpy()
 
 
@@ -124,3 +128,20 @@ def test_a_robot_that_picks_is_told_what_policies_are_told_in_training(device):
         assert_same(ours, theirs)
         count += 1
     assert count > 5
+
+
+def test_scandots_in_c_mujoco_are_those_of_training(make_nav_env):
+    env = make_nav_env(num_envs=2, seed=6)
+    env.set_cells([0, 0], [2, 2])
+    obs = env.reset()
+    policy = read_policy("nav-cvo")
+    one = MujocoRobot(env.sim.layout.scene(WORLD), describe(policy, units=256))
+    told = one.told()["scandots"].reshape(-1, TOKEN_DIM)
+    wanted = obs["scandots"][WORLD].cpu().numpy().reshape(-1, TOKEN_DIM)
+    seen = wanted[wanted[:, -NUM_FLAGS:].any(-1)]
+    assert told.shape == (16, TOKEN_DIM) and 2 <= len(seen) < 16
+    assert not told[len(seen) :].any()
+    order = [np.abs(seen - token).max(-1).argmin() for token in told[: len(seen)]]
+    assert sorted(order) == list(range(len(seen)))
+    np.testing.assert_allclose(told[: len(seen)], seen[order], atol=1e-5)
+    np.testing.assert_allclose(one.state().joints, joints(env.sim.views.qpos)[WORLD].cpu(), atol=1e-6)

@@ -145,17 +145,13 @@ def test_settings_are_checked(contract, tmp_path):
         open_robot({"scene": str(path)}, contract)
 
 
-@pytest.fixture(scope="module")
-def student(tmp_path_factory):
-    path = tmp_path_factory.mktemp("student") / "nav-cvo-depth.onnx"
-    return Network(export_policy(read_policy("nav-cvo-depth"), path).path)
-
-
 @pytest.mark.slow
-def test_the_depth_student_drives_through_a_corridor(student):
-    one = open_robot({"scene": "corridor.yaml"}, student.contract)
+@pytest.mark.parametrize("name", ["nav-cvo", "nav-cvo-depth"])
+def test_policies_drive_through_a_corridor(name, tmp_path):
+    network = Network(export_policy(read_policy(name), tmp_path / f"{name}.onnx").path)
+    one = open_robot({"scene": "corridor.yaml"}, network.contract)
     connection = one.connect()
-    outcome = ControlLoop(one, connection, Agent(student)).run(30.0, np.array(connection.goal))
+    outcome = ControlLoop(one, connection, Agent(network)).run(30.0, np.array(connection.goal))
     assert outcome.reason == ARRIVED and outcome.duration_s < 15.0 and outcome.missed == 0
     scenes = [pair for pair in one.touched if any(name.startswith(("wall", "box", "cyl")) for name in pair)]
     assert scenes == []

@@ -17,6 +17,7 @@ import numpy as np
 
 from spin_rl import robot
 from spin_rl.config import ConfigError, Range, from_mapping
+from spin_rl.deploy.backends.scandots import NativeScandots
 from spin_rl.deploy.contract import Contract, Profile
 from spin_rl.deploy.interface import CameraInfo, Command, Connection, DepthFrame, RobotState
 from spin_rl.scenes.builder import native_model
@@ -94,6 +95,9 @@ class MujocoRobot:
         self.data = mujoco.MjData(self.model)
         self.touched: set[tuple[str, str]] = set()
         self._goal = (float(scene.goal[0]), float(scene.goal[1]))
+        self._scandots: NativeScandots | None = None
+        if contract.scandots is not None:
+            self._scandots = NativeScandots(scene, self.model, contract)
         self._servos = _Servos(contract.speed_profile)
         self._camera = _camera(self.model, contract, pixels)
         self._realtime, self._epoch = realtime, time.monotonic()
@@ -149,8 +153,11 @@ class MujocoRobot:
         """Do nothing: there are no devices."""
 
     def told(self) -> Mapping[str, np.ndarray]:
-        """Return nothing: there is only what a robot has."""
-        return {}
+        """Return the scandots of a policy that needs them, which a simulator knows."""
+        if self._scandots is None:
+            return {}
+        mujoco.mj_kinematics(self.model, self.data)
+        return self._scandots.group(self.data)
 
     def _holding(self) -> Command:
         return Command(0.0, 0.0, _joints(self.data.qpos), np.full(len(robot.JOINTS), np.inf))
