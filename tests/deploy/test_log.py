@@ -47,6 +47,11 @@ def test_a_replay_gives_the_same_actions(run, nav_network):
     assert np.ptp(logged, axis=0).min() > 1e-4  # the policy did react
 
 
+def test_an_episode_leaves_nothing_behind(run, nav_network):
+    agent = Agent(nav_network)
+    assert all(replay(read_log(run), agent).agrees for _ in range(2))
+
+
 def test_picking_is_replayed_too(pick_network, tmp_path):
     path = tmp_path / "pick.jsonl"
     record(pick_network, path, object_b=OBJECT)
