@@ -24,6 +24,8 @@ class MonotonicClock:
 class StopSignals:
     """Notes Ctrl-C, SIGTERM and a lost terminal while it is entered; a second one is a `KeyboardInterrupt`.
 
+    A robot that is being stopped must not be left at it: see `ignore`.
+
     Attributes:
         name: Of the signal that came, None if none did.
     """
@@ -32,6 +34,7 @@ class StopSignals:
 
     def __init__(self) -> None:
         self.name: str | None = None
+        self._ignores = False
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> StopSignals:
@@ -47,7 +50,13 @@ class StopSignals:
         for caught, handler in self._before.items():
             signal.signal(caught, handler)
 
+    def ignore(self) -> None:
+        """Interrupt nothing any more, up to the end."""
+        self._ignores = True
+
     def _note(self, number: int, frame: FrameType | None) -> None:
+        if self._ignores:
+            return
         if self.name is not None:
             raise KeyboardInterrupt
         self.name = signal.Signals(number).name

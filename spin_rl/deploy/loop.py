@@ -60,6 +60,7 @@ class ControlLoop:
         self._robot, self._agent, self._log = robot, agent, log
         self._camera = connection.camera
         self._period = agent.contract.period_s
+        self._signals = StopSignals()
         self._steps = self._missed = 0
         self._goal: np.ndarray | None = None
         self._distance: float | None = None
@@ -69,8 +70,8 @@ class ControlLoop:
     ) -> Outcome:
         """Drive until the goal is reached, the time is over, or something stops it.
 
-        The last thing that the robot is told is to stand, whatever happens. A signal ends the run in the
-        tick in which it comes.
+        The last thing that the robot is told is to stand, whatever happens. After a signal no command is
+        sent.
 
         Args:
             max_s: Longest time [s].
@@ -81,14 +82,14 @@ class ControlLoop:
             ConfigError: The robot is in no state to start, or is not told where to; nothing has moved then.
         """
         safety.check_aims(self._agent.contract, goal, object_b)
-        with StopSignals() as signals:
+        with StopSignals() as self._signals:
             try:
-                state = self._wait_for_inputs(signals)
+                state = self._wait_for_inputs()
                 if state is None:
-                    return self._end(str(signals.name), True, 0.0)
+                    return self._end(str(self._signals.name), True, 0.0)
                 safety.check_start(state)
                 self._begin(state, goal, object_b)
-                return self._drive(max_s, signals)
+                return self._drive(max_s)
             finally:
                 self._stand()
 
@@ -101,22 +102,25 @@ class ControlLoop:
 
     def _stand(self) -> str:
         """Command zero velocity, more than once if need be; return what to say if that failed."""
+        self._signals.ignore()
         for _ in range(_STOP_TRIES):
             try:
                 self._robot.stop()
                 return ""
-            except OSError:
+            except Exception:  # whatever it is, the next thing to do is to try again
                 continue
         return "; the robot could not be told to stand"
 
-    def _drive(self, max_s: float, signals: StopSignals) -> Outcome:
+    def _drive(self, max_s: float) -> Outcome:
         clock, start = self._robot.clock, self._robot.clock.now()
         tick = 0
         while True:
             clock.sleep_until(start + tick * self._period)
             now = clock.now()
-            reason = signals.name or (TIME_OVER if now - start >= max_s - _INSTANT_S else None)
-            reason = reason or self._step(tick, now - start - tick * self._period)
+            if now - start >= max_s - _INSTANT_S:
+                reason = TIME_OVER
+            else:
+                reason = self._step(tick, now - start - tick * self._period)
             if reason is not None:
                 return self._end(reason + self._stand(), reason not in (ARRIVED, TIME_OVER), now - start)
             # The next tick that has not passed; those before it are lost, not made up for.
@@ -151,17 +155,19 @@ class ControlLoop:
         return None
 
     def _why_stop(self, state: RobotState, frame: DepthFrame | None) -> str | None:
-        reason = safety.why_stop(self._robot.clock.now(), state, frame, self._agent.reads_images)
+        reason = self._signals.name
+        if reason is None:
+            reason = safety.why_stop(self._robot.clock.now(), state, frame, self._agent.reads_images)
         if reason is None and self._goal is not None and self._agent.contract.goal is not None:
             self._distance = float(np.hypot(*(self._goal - state.base[:2])))
             if self._distance <= self._agent.contract.goal.tolerance_m:
                 return ARRIVED
         return reason
 
-    def _wait_for_inputs(self, signals: StopSignals) -> RobotState | None:
+    def _wait_for_inputs(self) -> RobotState | None:
         """Return the first state to start from, once there is an image too; None after a signal."""
         clock, end = self._robot.clock, self._robot.clock.now() + _FIRST_INPUTS_S
-        while signals.name is None:
+        while self._signals.name is None:
             state = self._robot.state()
             frame = self._robot.depth() if self._agent.reads_images else None
             if clock.now() >= end or not self._is_missing(state, frame):

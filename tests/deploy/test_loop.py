@@ -67,8 +67,7 @@ def test_what_goes_wrong_stops_the_base(scripted, fault, reason):
     fake = FakeRobot(faults={4: fault})
     outcome = run(scripted(), fake)
     assert reason in outcome.reason and outcome.stopped
-    is_signal = reason.startswith("SIG")  # noted in the step in which it comes, before the next one
-    assert outcome.steps == len(fake.commands) == (4 if is_signal else 3)
+    assert outcome.steps == len(fake.commands) == 3
     assert fake.calls[-1] == "stop" and fake.now_moving.tolist() == [0.0, 0.0]
 
 
@@ -117,6 +116,17 @@ def test_a_second_signal_ends_it_at_once(scripted):
     with pytest.raises(KeyboardInterrupt):
         run(scripted(), fake)
     assert fake.calls[-1] == "stop"
+
+
+def test_who_presses_ctrl_c_again_and_again_does_not_interrupt_stopping(scripted):
+    class Slow(FakeRobot):
+        def stop(self):
+            for _ in range(3):
+                os.kill(os.getpid(), signal.SIGINT)
+            super().stop()
+
+    fake = Slow(faults={3: kill(signal.SIGINT)})
+    assert run(scripted(), fake).reason == "SIGINT" and fake.calls[-1] == "stop"
 
 
 def test_signals_are_handled_as_before_afterwards(scripted):
