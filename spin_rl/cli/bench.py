@@ -24,7 +24,7 @@ from spin_rl.speed.timing import Stopwatch
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
-SUBJECTS = ("visibility", "depth", "env", "update", "train", "deploy")
+SUBJECTS = ("visibility", "depth", "env", "update", "train", "places", "deploy")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
 _OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
 _BUSY_LOAD = 0.5
@@ -99,6 +99,9 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
         env as env_speed,
     )
     from spin_rl.speed import (
+        places as places_speed,
+    )
+    from spin_rl.speed import (
         scandots as visibility_speed,
     )
     from spin_rl.speed import (
@@ -169,6 +172,11 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
             ]
             return measure_deploy(files, seconds, time.process_time)
 
+    def places() -> list[throughput.Row]:
+        with common.announced(f"Starting corridors, the mixture and example scenes on {device}"):
+            envs = places_speed.make_places(options.overrides, options.num_envs, device, seed)
+        return places_speed.measure_places(envs, runner, seconds, seed, cpu_watch)
+
     measures: dict[str, Callable[[], list[throughput.Row]]] = {
         "visibility": visibility,
         "depth": depth,
@@ -176,6 +184,7 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
         "update": update,
         "train": train,
         "deploy": deploy,
+        "places": places,
     }
     subjects = [options.what]
     if options.what == "all":

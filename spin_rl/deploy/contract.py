@@ -138,6 +138,7 @@ class Scandots:
     window_m: Positive
     near_m: Positive
     occlusion: bool
+    pieces_from_m: Positive | None = None
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ class NativeScandots:
             window=contract.scandots.window_m,
             near=contract.scandots.near_m,
             occlusion=contract.scandots.occlusion,
+            pieces_from=contract.scandots.pieces_from_m,
         )
 
     def group(self, data: mujoco.MjData) -> dict[str, np.ndarray]:
