@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from spin_rl.config import ConfigError
 from spin_rl.deploy.network import Network
 from spin_rl.export import parity as parity_module
 from spin_rl.export.graph import recurrent
+from spin_rl.export.groups import describe_group
 from spin_rl.export.parity import compare, draw
 from spin_rl.export.write import export_fetch, export_policy
 from spin_rl.paths import POLICY_DIR
@@ -123,6 +125,16 @@ def test_a_fetch_is_a_bundle(tmp_path):
     ]
     ranges = [Network(done.path).contract.camera.range_m for done in files]
     assert ranges == [(0.2, 4.0), (0.2, 1.6)]
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    camera = Network(DATA / "tiny_nav.onnx").contract.camera
+    with pytest.raises(ConfigError, match="reads 'privileged', which cannot be exported"):
+        describe_group("privileged", 40, camera)
+    with pytest.raises(ConfigError, match="hand_in_image has no meaning without images"):
+        describe_group("hand_in_image", 3, replace(camera, range_m=None))
+    with pytest.raises(ConfigError, match="no recurrent memory"):
+        recurrent(torch.nn.Linear(1, 1), "a")
 
 
 def call(monkeypatch, *arguments):
