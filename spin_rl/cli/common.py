@@ -26,7 +26,7 @@ from spin_rl.benchmark.policies import PolicySource
 from spin_rl.config import ConfigError, Means
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.layout import Scene
-from spin_rl.scenes.scene_file import load_scene
+from spin_rl.scenes.scene_file import find_scene, load_scene
 from spin_rl.tasks.common.compose import compose, plain
 
 PolicyName = Annotated[str, Means("a name, checkpoint, run directory, .safetensors file, zero or random")]
@@ -197,13 +197,7 @@ def load_scene_file(name: Path | None) -> Scene | None:
     Raises:
         ConfigError: There is no such file, or it is no scene.
     """
-    if name is None:
-        return None
-    for path in (name, CONF_DIR / "scenes_examples" / name):
-        if path.is_file():
-            return load_scene(path)
-    examples = sorted(path.name for path in (CONF_DIR / "scenes_examples").glob("*.yaml"))
-    raise ConfigError(f"scene: there is no file {name}; of those shipped, there are {', '.join(examples)}")
+    return None if name is None else load_scene(find_scene(name))
 
 
 def is_main_process() -> bool:
