@@ -11,12 +11,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import mujoco
 import numpy as np
 
 from spin_rl.paths import ROBOT_XML
+
+if TYPE_CHECKING:  # the robot's own computer has no MuJoCo, and needs the numbers only
+    import mujoco
 
 JOINTS = (
     "lift",
@@ -264,6 +266,8 @@ def is_portrait(mount: CameraMount) -> bool:
 
 def load_spec() -> mujoco.MjSpec:
     """Return a fresh, editable specification of the robot alone (no floor, no scene)."""
+    import mujoco
+
     return mujoco.MjSpec.from_file(str(ROBOT_XML))
 
 
@@ -274,6 +278,8 @@ def load_grasp_spec() -> mujoco.MjSpec:
     drawn ones and pass through objects; the fingertips' pads, which are drawn as well, hold them. Geoms that
     meet objects have bit 8 (`OBJECT_CONTYPE`) in their affinity.
     """
+    import mujoco
+
     spec = load_spec()
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
@@ -296,6 +302,8 @@ def load_grasp_spec() -> mujoco.MjSpec:
 
 
 def _add_pads(finger: mujoco.MjsBody, side: float) -> None:
+    import mujoco
+
     x, y = _PAD_XY_M
     for name, z in zip(PADS[finger.name], (-_PAD_Z_M, _PAD_Z_M), strict=True):
         finger.add_geom(

@@ -1,10 +1,14 @@
 """Options and fixtures that all tests share."""
 
-import pytest
-import warp as wp
+from __future__ import annotations
 
-from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.nav.env import NavEnv
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:  # tests/deploy also runs where neither Torch nor Warp is installed
+    from spin_rl.tasks.nav.config import NavConfig
+    from spin_rl.tasks.nav.env import NavEnv
 
 NUM_WORLDS = 8
 
@@ -16,6 +20,8 @@ def pytest_addoption(parser):
 @pytest.fixture(scope="session")
 def device(request) -> str:
     """The Warp and Torch device under test."""
+    import warp as wp
+
     name = request.config.getoption("--device")
     wp.init()
     wp.get_device(name)  # fails here, by name, where the machine lacks it
@@ -28,6 +34,8 @@ def make_nav_env(device):
 
     Kernels are compiled once for all of them, as long as they share the solver's options and the pool.
     """
+    from spin_rl.tasks.nav.config import NavConfig
+    from spin_rl.tasks.nav.env import NavEnv
 
     def make(cfg: NavConfig | None = None, num_envs: int = NUM_WORLDS, seed: int = 0, **options) -> NavEnv:
         return NavEnv(cfg or NavConfig(), num_envs, device, seed, **options)

@@ -99,7 +99,7 @@ def test_what_does_not_fit_is_named(values, message):
 def test_default_configurations_are_usable():
     train = NAV.configure(composed())
     assert train.robot_profile == "paper" and train.curriculum.enabled and train.reward["success"] > 0
-    assert train.sim == SimConfig(timestep=0.05, substeps=2)  # the cpu preset's
+    assert train.sim == SimConfig(timestep=0.05, substeps=2, nearby=24)  # the cpu preset's
     assert (
         NAV.configure(composed("sim=default")).sim == NAV.configure(composed("preset=gpu")).sim == SimConfig()
     )

@@ -11,10 +11,10 @@ import spin_rl
 ROOT = Path(spin_rl.__file__).parent
 LAYERS = (  # a package imports from those of the lines below its own
     {"cli"},
-    {"analysis", "gym_env", "speed"},
+    {"analysis", "export", "gym_env", "speed"},
     {"benchmark", "viewer"},
     {"tasks", "runners"},
-    {"detection"},
+    {"detection", "deploy"},
     {"sensors", "planning", "models"},
     {"sim"},
     {"scenes"},
@@ -62,7 +62,9 @@ def upward(layers, above):
         if file.parts[: depth - 1] != tuple(above.split(".")[1:]) or path[:depth] != tuple(above.split(".")):
             continue
         own, other = file.parts[depth - 1].removesuffix(".py"), path[depth]
-        if own != "__init__" and own != other and level[own] >= level[other]:
+        if other.startswith("__"):  # the package's own version
+            continue
+        if own != other and level[own] >= level[other]:
             wrong.append(f"{file}: {module} {name}")
     return wrong
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +23,7 @@ from spin_rl.speed import rows as throughput
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
-SUBJECTS = ("visibility", "depth", "env", "update", "train", "places")
+SUBJECTS = ("visibility", "depth", "env", "update", "train", "places", "deploy")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
 _OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
 _BUSY_LOAD = 0.5
@@ -164,6 +166,17 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
             rows.append(row)
         return rows
 
+    def deploy() -> list[throughput.Row]:
+        from spin_rl.export.write import export_policy
+        from spin_rl.runners.policy_file import read_policy
+        from spin_rl.speed.deploy import POLICIES, measure_deploy
+
+        with tempfile.TemporaryDirectory() as folder:
+            files = [
+                export_policy(read_policy(name), Path(folder) / f"{name}.onnx").path for name in POLICIES
+            ]
+            return measure_deploy(files, seconds, time.process_time)
+
     def places() -> list[throughput.Row]:
         with common.announced(f"Starting corridors, the mixture and example scenes on {device}"):
             envs = places_speed.make_places(options.overrides, options.num_envs, device, seed)
@@ -175,10 +188,21 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
         "env": env,
         "update": update,
         "train": train,
+        "deploy": deploy,
         "places": places,
     }
-    subjects = SUBJECTS if options.what == "all" else (options.what,)
+    subjects = [options.what]
+    if options.what == "all":
+        subjects = [subject for subject in SUBJECTS if subject != "deploy" or _can_export()]
     return [row for subject in subjects for row in measures[subject]()]
+
+
+def _can_export() -> bool:
+    """Whether the packages of the extra `export` are there; say so if not."""
+    missing = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]
+    if missing:
+        print(f"Leaving out what=deploy, which needs {missing[0]}: pip install 'spin-rl[export]'")
+    return not missing
 
 
 def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> Options:

@@ -261,13 +261,9 @@ def load_scene_file(name: Path | None) -> Scene | None:
     """
     if name is None:
         return None
-    from spin_rl.scenes.scene_file import load_scene
+    from spin_rl.scenes.scene_file import find_scene, load_scene
 
-    for path in (name, CONF_DIR / "scenes_examples" / name):
-        if path.is_file():
-            return load_scene(path)
-    examples = sorted(path.name for path in (CONF_DIR / "scenes_examples").glob("*.yaml"))
-    raise ConfigError(f"scene: there is no file {name}; of those shipped, there are {', '.join(examples)}")
+    return load_scene(find_scene(name))
 
 
 def is_main_process() -> bool:

@@ -40,6 +40,7 @@ import numpy as np
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
+from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.furniture import KINDS, Part, read_parts
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
@@ -74,6 +75,19 @@ def load_scene(path: str | Path) -> Scene:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     return scene
+
+
+def find_scene(name: Path) -> Path:
+    """Return the path of a scene file: as it is, or one of conf/scenes_examples by its name.
+
+    Raises:
+        ConfigError: There is neither.
+    """
+    for path in (name, CONF_DIR / "scenes_examples" / name):
+        if path.is_file():
+            return path
+    examples = sorted(path.name for path in (CONF_DIR / "scenes_examples").glob("*.yaml"))
+    raise ConfigError(f"scene: there is no file {name}; of those shipped, there are {', '.join(examples)}")
 
 
 def parse_scene(content: Any) -> Scene:

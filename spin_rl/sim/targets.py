@@ -75,6 +75,13 @@ class ManipulationConfig:
 
     increments: IncrementConfig = field(default_factory=IncrementConfig)
 
+    @property
+    def joint_lead(self) -> tuple[float, ...]:
+        """How far targets stay within where the joints are, in `robot.JOINTS` order [m, rad], shape (8,)."""
+        finger = robot.JOINTS.index("gripper_finger")
+        lead = [rate * self.lead_s for rate in self.joint_rate]
+        return (*lead[:finger], self.gripper_lead, *lead[finger + 1 :])
+
 
 @wp.struct
 class Increments:
@@ -90,12 +97,9 @@ class Increments:
 
 def make_increments(config: IncrementConfig, period: float, device: str) -> Increments:
     """Allocate the increments of a control period [s] on a device."""
-    finger = robot.JOINTS.index("gripper_finger")
-    lead = [rate * config.lead_s for rate in config.joint_rate]
-    lead[finger] = config.gripper_lead
     increments = Increments()
     increments.step = wp.array([rate * period for rate in config.joint_rate], dtype=float, device=device)
-    increments.lead = wp.array(lead, dtype=float, device=device)
+    increments.lead = wp.array(config.joint_lead, dtype=float, device=device)
     for name in ("gripper_middle", "gripper_span", "forward_speed", "turn_speed"):
         setattr(increments, name, getattr(config, name))
     return increments

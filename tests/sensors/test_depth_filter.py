@@ -5,7 +5,9 @@ import pytest
 import warp as wp
 from scipy import ndimage
 
-from spin_rl.sensors.depth.filter import DepthFilter, DepthFilterConfig
+from spin_rl.sensors.depth.filter import DepthFilter
+from spin_rl.sensors.depth.filter_config import MAX_REACH_PX, DepthFilterConfig
+from spin_rl.warp_kernels.images.holes import MAX_REACH
 
 ROWS, COLS = 24, 36
 MAX_DEPTH = 10.0
@@ -283,3 +285,7 @@ def test_rejects_impossible_values(options, key):
 def test_rejects_flat_images():
     with pytest.raises(ValueError, match="nworld, rows, cols"):
         DepthFilter(wp.zeros((2, 10), dtype=float, device="cpu"), DepthFilterConfig())
+
+
+def test_the_configuration_allows_what_the_kernel_can_fill():
+    assert MAX_REACH_PX == MAX_REACH

@@ -9,7 +9,7 @@ from viewer_worlds import SCENE, fetch_snapshot, snapshot
 from spin_rl import robot
 from spin_rl.benchmark.untrained import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.corridors.params import GeneratorParams
-from spin_rl.sensors.depth.filter import DepthFilterConfig
+from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.tasks.fetch.config import STAGES, FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv

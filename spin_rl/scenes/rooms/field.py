@@ -6,9 +6,11 @@ import warp as wp
 
 from spin_rl.scenes.corridors.clutter import draw_heights
 from spin_rl.scenes.corridors.struct import ParamsStruct
+from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import draw_close, place_is_free
 from spin_rl.scenes.rooms.geometry import Site
 from spin_rl.scenes.rooms.struct import FamilyStruct
+from spin_rl.scenes.rooms.walker import put_walker
 from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _TRIES = wp.constant(12)
@@ -22,7 +24,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def build_field(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots) -> Site:
+def build_field(
+    world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track
+) -> Site:
     """Things at random places with gaps between them: a third thin posts, others low, tall or floating."""
     state = wp.rand_init(seed, 0)
     now = site
@@ -78,4 +82,5 @@ def build_field(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: S
                 now.cylinders = now.cylinders + 1
             else:
                 now.boxes = now.boxes + 1
-    return now
+    floor = wp.vec4(-half_side, -half_side, half_side, half_side)
+    return put_walker(world, floor, q, int(wp.rand_init(seed, 2)), now, slots, track)

@@ -29,7 +29,7 @@ _CHAIR_DEPTH = wp.constant(0.3)
 
 vec11 = wp.types.vector(length=11, dtype=float)
 # Cumulative shares of the kinds, and how often a piece of a kind stands with its back to a wall.
-_KINDS = wp.constant(vec11(0.16, 0.28, 0.37, 0.45, 0.54, 0.64, 0.72, 0.78, 0.83, 0.89, 1.0))
+_KINDS = wp.constant(vec11(0.14, 0.27, 0.35, 0.42, 0.5, 0.58, 0.65, 0.7, 0.74, 0.79, 1.0))
 _AT_WALL = wp.constant(vec11(0.2, 0.2, 0.9, 0.8, 0.9, 0.85, 1.0, 0.6, 0.0, 0.5, 0.3))
 
 wp.set_module_options({"enable_backward": False})
@@ -39,13 +39,15 @@ wp.set_module_options({"enable_backward": False})
 class Piece:
     """A piece before it has a place.
 
-    ``half`` is its footprint, ``size`` what its kind makes of it, ``style`` a variant. ``above`` hangs higher
+    ``half`` is its footprint, ``size`` what its kind makes of it, ``style`` a variant, ``foot`` radius and
+    height of a chair's. ``above`` hangs higher
     than the robot.
     """
 
     kind: int
     half: wp.vec2
     size: wp.vec3
+    foot: wp.vec2
     style: int
     chairs: int
     boxes: int
@@ -110,6 +112,10 @@ def draw_piece(seed: int, index: int) -> Piece:
         if piece.style == 2:
             piece.boxes = 2
             piece.cylinders = 2
+            # Its foot may be wider than the seat.
+            foot = piece.size[0] * wp.lerp(0.8, 1.4, e)
+            piece.half = wp.vec2(wp.max(foot, piece.size[0]), wp.max(foot, piece.size[0]))
+            piece.foot = wp.vec2(foot, wp.lerp(0.03, 0.1, d))
     elif kind == SHELF:
         # Size: half width, height; closed or with open boards.
         piece.half = wp.vec2(wp.lerp(0.3, 0.7, a), wp.lerp(0.12, 0.2, b))
@@ -151,12 +157,15 @@ def draw_piece(seed: int, index: int) -> Piece:
         piece = _draw_hanging(piece, d < 0.5, b, c, wp.vec2(0.08, 0.25))
         piece.half = wp.vec2(wp.lerp(0.05, 0.15, e), wp.lerp(0.3, 1.2, a))
     else:
-        piece.half = wp.vec2(wp.lerp(0.04, 0.2, a), wp.lerp(0.04, 0.2, b))
-        piece.size = wp.vec3(piece.half[0], wp.lerp(0.05, 0.4, c), 0.0)
+        # Many are flat: what lies about, steps. One in three is a strip: a board, a rail, a cable cover.
+        piece.half = wp.vec2(wp.lerp(0.03, 0.3, a * a), wp.lerp(0.03, 0.3, b * b))
+        piece.size = wp.vec3(piece.half[0], wp.lerp(0.02, 0.4, c * c), 0.0)
         if piece.style == 0:
             piece.half = wp.vec2(piece.half[0], piece.half[0])
             piece.boxes = 0
             piece.cylinders = 1
+        elif piece.style == 1:
+            piece.half = wp.vec2(wp.lerp(0.2, 0.7, a), wp.lerp(0.015, 0.06, b))
     return piece
 
 
@@ -189,7 +198,14 @@ def _put_legs(
 
 @wp.func
 def _put_chair(
-    world: int, box: int, cylinder: int, frame: wp.vec3, size: wp.vec3, style: int, slots: Slots
+    world: int,
+    box: int,
+    cylinder: int,
+    frame: wp.vec3,
+    size: wp.vec3,
+    style: int,
+    foot: wp.vec2,
+    slots: Slots,
 ) -> None:
     """Seat and back, on four legs (style 0), a block (1), or a pole with a foot (2)."""
     s = size[0]
@@ -201,8 +217,8 @@ def _put_chair(
     elif style == 1:
         _part(world, box + 2, frame, 0.0, 0.0, wp.vec2(0.0, under), wp.vec2(0.8 * s, 0.8 * s), slots)
     else:
-        _part(world, cylinder, frame, 0.0, 0.0, wp.vec2(0.06, under), wp.vec2(0.03, 0.03), slots)
-        _part(world, cylinder + 1, frame, 0.0, 0.0, wp.vec2(0.0, 0.06), wp.vec2(s, s), slots)
+        _part(world, cylinder, frame, 0.0, 0.0, wp.vec2(foot[1], under), wp.vec2(0.03, 0.03), slots)
+        _part(world, cylinder + 1, frame, 0.0, 0.0, wp.vec2(0.0, foot[1]), wp.vec2(foot[0], foot[0]), slots)
 
 
 @wp.func
@@ -218,7 +234,7 @@ def _put_table(world: int, box: int, piece: Piece, frame: wp.vec3, slots: Slots)
         c = wp.cos(frame[2])
         s = wp.sin(frame[2])
         chair = wp.vec3(frame[0] - s * y, frame[1] + c * y, frame[2] + wp.where(i == 0, 0.0, wp.pi))
-        _put_chair(world, box + 5 + 3 * i, 0, chair, wp.vec3(0.21, 0.45, 0.9), 1, slots)
+        _put_chair(world, box + 5 + 3 * i, 0, chair, wp.vec3(0.21, 0.45, 0.9), 1, wp.vec2(), slots)
 
 
 @wp.func
@@ -275,7 +291,7 @@ def put_piece(world: int, box: int, cylinder: int, piece: Piece, frame: wp.vec3,
     if piece.kind == TABLE:
         _put_table(world, box, piece, frame, slots)
     elif piece.kind == CHAIR:
-        _put_chair(world, box, cylinder, frame, piece.size, piece.style, slots)
+        _put_chair(world, box, cylinder, frame, piece.size, piece.style, piece.foot, slots)
     elif piece.kind == SHELF:
         _put_shelf(world, box, piece, frame, slots)
     elif piece.kind == COUCH:

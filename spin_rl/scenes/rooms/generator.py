@@ -208,11 +208,11 @@ def _build(
     if family == _CORRIDOR:
         site = build_corridor(world, p, q, inner, site, slots)
     elif family == _ROOM:
-        site = build_room(world, p, q, inner, site, slots)
+        site = build_room(world, p, q, inner, site, slots, track)
     elif family == _DOORWAY:
-        site = build_doorway(world, p, q, inner, site, slots)
+        site = build_doorway(world, p, q, inner, site, slots, track)
     elif family == _FIELD:
-        site = build_field(world, p, q, inner, site, slots)
+        site = build_field(world, p, q, inner, site, slots, track)
     elif family == _CROSSING:
         site = build_crossing(world, p, q, inner, site, slots, track)
     if site.num_rectangles == 0:

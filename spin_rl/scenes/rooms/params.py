@@ -146,6 +146,23 @@ class CrossingParams:
 
 
 @dataclass(frozen=True)
+class WalkerParams:
+    """Somebody who walks to and fro in rooms, rooms with doorways and fields.
+
+    Attributes:
+        share: Share of their worlds with one.
+        half_size: Half the size across.
+        way: Length of the walk.
+        speed: Of walking [m/s].
+    """
+
+    share: float = 0.3
+    half_size: tuple[float, float] = (0.12, 0.25)
+    way: tuple[float, float] = (0.8, 3.0)
+    speed: tuple[float, float] = (0.3, 0.8)
+
+
+@dataclass(frozen=True)
 class FamilyParams(GeneratorParams):
     """Distribution of scenes from all families. Pairs are (low, high) of a uniform draw; lengths in metres.
 
@@ -165,6 +182,7 @@ class FamilyParams(GeneratorParams):
         doorway: Rooms with doorways.
         field: Boxes and posts on open floor.
         crossing: Halls with things that move.
+        walker: Who walks in rooms and fields.
     """
 
     width: float = 0.9
@@ -184,6 +202,7 @@ class FamilyParams(GeneratorParams):
     doorway: DoorwayParams = dataclasses.field(default_factory=DoorwayParams)
     field: FieldParams = dataclasses.field(default_factory=FieldParams)
     crossing: CrossingParams = dataclasses.field(default_factory=CrossingParams)
+    walker: WalkerParams = dataclasses.field(default_factory=WalkerParams)
 
     def __post_init__(self) -> None:
         """Reject values that cannot make a scene within the square."""
@@ -227,7 +246,9 @@ class FamilyParams(GeneratorParams):
     @property
     def moves(self) -> bool:
         """Whether anything can move."""
-        return self.shares.crossing > 0.0 and self.crossing.mover_share > 0.0
+        walked = self.shares.room + self.shares.doorway + self.shares.field
+        crossed = self.shares.crossing * self.crossing.mover_share
+        return crossed > 0.0 or walked * self.walker.share > 0.0
 
     @property
     def paper(self) -> GeneratorParams:
@@ -237,7 +258,7 @@ class FamilyParams(GeneratorParams):
         return GeneratorParams(**given | {name: getattr(GeneratorParams, name) for name in own})
 
 
-GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing")
+GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing", "walker")
 """Nested parameters that are one for all worlds' draws of a family or of furniture."""
 
 _MEANINGLESS = (
@@ -264,6 +285,9 @@ _LIMITS = {
     "crossing.half_size": (0.05, 0.5),
     "crossing.trigger": (0.5, 5.0),
     "crossing.speed": (0.05, 1.5),
+    "walker.half_size": (0.05, 0.5),
+    "walker.way": (0.3, 6.0),
+    "walker.speed": (0.05, 1.5),
 }
 
 

@@ -5,9 +5,11 @@
 import warp as wp
 
 from spin_rl.scenes.corridors.struct import ParamsStruct
+from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import draw_density, furnish
 from spin_rl.scenes.rooms.geometry import Site, middle_of, shifted, with_rectangle, with_reserved
 from spin_rl.scenes.rooms.struct import FamilyStruct
+from spin_rl.scenes.rooms.walker import put_walker
 from spin_rl.scenes.rooms.walls import put_partition, put_walls
 from spin_rl.warp_kernels.slots import Slots
 
@@ -24,17 +26,22 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _furnish_all(world: int, q: FamilyStruct, seed: int, site: Site, slots: Slots) -> Site:
+def _furnish_all(world: int, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track) -> Site:
+    """Furniture in all rectangles, and somebody who walks in one of them."""
     state = wp.rand_init(seed, 1)
     density = draw_density(q, wp.randf(state), wp.randf(state))
     now = site
     for i in range(site.num_rectangles):
         now = furnish(world, i, density, q, int(wp.rand_init(seed, 2 + i)), now, slots)
-    return now
+    where = wp.min(int(float(site.num_rectangles) * wp.randf(state)), site.num_rectangles - 1)
+    r = site.rectangles[where]
+    return put_walker(world, r, q, int(wp.rand_init(seed, 9)), now, slots, track)
 
 
 @wp.func
-def build_room(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots) -> Site:
+def build_room(
+    world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track
+) -> Site:
     """One room, some with a wing at its right side."""
     state = wp.rand_init(seed, 0)
     x = wp.lerp(q.room_size[0], q.room_size[1], wp.randf(state))
@@ -52,7 +59,7 @@ def build_room(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Si
         now = with_rectangle(now, x, begin, x + wing[0], begin + wing[1])
     now = shifted(now, -middle_of(now))
     now = put_walls(world, p.wall_thickness, height, now, slots)
-    return _furnish_all(world, q, seed, now, slots)
+    return _furnish_all(world, q, seed, now, slots, track)
 
 
 @wp.func
@@ -63,7 +70,9 @@ def _draw_door(u: float, v: float, low: float, high: float, q: FamilyStruct) -> 
 
 
 @wp.func
-def build_doorway(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots) -> Site:
+def build_doorway(
+    world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track
+) -> Site:
     """Two rooms, or three of which the third is in a row with them or cut off the second one across."""
     state = wp.rand_init(seed, 0)
     x = 0.5 * wp.lerp(q.doorway_length[0], q.doorway_length[1], wp.randf(state))
@@ -113,4 +122,4 @@ def build_doorway(world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site:
         now = with_rectangle(now, low, second + 0.5 * t, x, y)
     else:
         now = with_rectangle(now, low, -y, x, y)
-    return _furnish_all(world, q, seed, now, slots)
+    return _furnish_all(world, q, seed, now, slots, track)

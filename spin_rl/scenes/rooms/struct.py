@@ -47,6 +47,10 @@ class FamilyStruct:
     crossing_half_size: wp.vec2
     crossing_trigger: wp.vec2
     crossing_speed: wp.vec2
+    walker_share: float
+    walker_half_size: wp.vec2
+    walker_way: wp.vec2
+    walker_speed: wp.vec2
 
 
 @lru_cache(maxsize=8)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import warp as wp
 
-from spin_rl.sensors.depth.filter import DepthFilter, DepthFilterConfig
+from spin_rl.sensors.depth.filter import DepthFilter
+from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.noise import DepthNoise, DepthNoiseConfig
 
 

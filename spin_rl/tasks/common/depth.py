@@ -13,6 +13,8 @@ from spin_rl.sim.simulation import Simulation
 
 _NEAREST_M = 0.05
 """Points nearer than this, or behind, are located as if they were here."""
+MOST_OUTSIDE = 3.0
+"""Points farther outside of the image are located here, in half images from its middle."""
 
 
 class DepthImages(Sensor):
@@ -89,7 +91,9 @@ class DepthImages(Sensor):
         near, far = self._range if range_m is None else range_m
         ahead = z.clamp(min=_NEAREST_M)
         down, right = x / (ahead * self._tan_half_fov[0]), -y / (ahead * self._tan_half_fov[1])
-        return torch.stack((right.clamp(-3.0, 3.0), down.clamp(-3.0, 3.0), (z - near) / (far - near)), -1)
+        return torch.stack(
+            (*(v.clamp(-MOST_OUTSIDE, MOST_OUTSIDE) for v in (right, down)), (z - near) / (far - near)), -1
+        )
 
     def set_episode(self, index: int) -> None:
         """Let the next reset draw the noise of the `index`-th episode of this seed in every world."""

@@ -1,0 +1,37 @@
+"""Robots to run on: each a module with `open_robot`, imported when it is asked for.
+
+`open_robot(settings, contract)` takes the settings `robot.<key>=<value>` of the command line as a mapping,
+and the policy's contract, and returns a `Robot`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+from spin_rl.config import ConfigError
+from spin_rl.deploy.contract import Contract
+from spin_rl.deploy.interface import Robot
+
+BACKENDS = {"mujoco": "spin_rl.deploy.backends.mujoco"}
+"""Module of every back end by its name."""
+
+
+def open_backend(name: str, settings: Mapping[str, Any], contract: Contract) -> Robot:
+    """Open a back end, one of `BACKENDS` or a module of yours; nothing is connected yet.
+
+    Raises:
+        ConfigError: There is none, one of its packages is missing, or a setting is wrong.
+    """
+    path = BACKENDS.get(name, name)
+    try:
+        module = importlib.import_module(path)
+    except ModuleNotFoundError as error:
+        if error.name == path:
+            known = ", ".join(BACKENDS)
+            raise ConfigError(f"backend: unknown {name!r}; choose from {known}, or name a module") from None
+        raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
+    except ImportError as error:
+        raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
+    return module.open_robot(settings, contract)

@@ -1,0 +1,260 @@
+"""The robot in C MuJoCo: real contacts, small steps, depth by rays. No policy was trained in this.
+
+Time stands still while the policy thinks, unless `realtime` is set.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import mujoco
+import numpy as np
+
+from spin_rl import robot
+from spin_rl.config import ConfigError, Range, from_mapping
+from spin_rl.deploy.backends.scandots import NativeScandots
+from spin_rl.deploy.contract import Contract, Profile
+from spin_rl.deploy.interface import CameraInfo, Command, Connection, DepthFrame, RobotState
+from spin_rl.scenes.builder import native_model
+from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.scene_file import find_scene, load_scene
+
+TIMESTEP_S = 0.002
+_FAR_M = 10.0
+_SEEN_GROUPS = (0, 1, 2)
+_TRACTION_N = 150.0
+"""What the wheels can push: the robot's weight of 243 N by a friction of 0.6."""
+_TRACTION_NM = 25.0
+"""Likewise in turning, by half the distance of the wheels."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the back end, `robot.<key>=<value>` on the command line.
+
+    Attributes:
+        scene: Scene file, or the name of one in conf/scenes_examples.
+        pixels: Columns of the camera's own image; None takes the policy's.
+        realtime: Whether simulated time passes as real time does.
+    """
+
+    scene: Path
+    pixels: Annotated[int, Range(1, 1280)] | None = None
+    realtime: bool = False
+
+
+def open_robot(settings: Mapping[str, Any], contract: Contract) -> MujocoRobot:
+    """Make the robot; see `backends`.
+
+    Raises:
+        ConfigError: A setting is wrong.
+    """
+    cfg = from_mapping(Settings, settings, "robot")
+    scene = load_scene(find_scene(cfg.scene))
+    if scene.moves:
+        raise ConfigError(f"robot.scene: {cfg.scene} has things that move, which this back end leaves out")
+    return MujocoRobot(scene, contract, pixels=cfg.pixels, realtime=cfg.realtime)
+
+
+class MujocoRobot:
+    """One robot in one scene; a `Robot`, and its own clock.
+
+    Attributes:
+        clock: The robot itself: simulated time.
+        model: The model.
+        data: Its state.
+        touched: Names of the geoms that touched each other so far.
+    """
+
+    def __init__(
+        self, scene: Scene, contract: Contract, *, pixels: int | None = None, realtime: bool = False
+    ) -> None:
+        """Put the robot at the scene's start.
+
+        Args:
+            scene: Static.
+            contract: Gives servo speeds, camera and image size.
+            pixels: See `Settings`.
+            realtime: See `Settings`.
+        """
+        self.clock = self
+        self.model = native_model(scene)
+        self.model.opt.timestep = TIMESTEP_S
+        defaults = mujoco.MjOption()
+        self.model.opt.iterations, self.model.opt.ls_iterations = defaults.iterations, defaults.ls_iterations
+        for joint in robot.DOF_NAMES[:3]:
+            force = _TRACTION_NM if joint == "base_yaw" else _TRACTION_N
+            actuator = self.model.actuator(joint).id
+            self.model.actuator_forcelimited[actuator] = True
+            self.model.actuator_forcerange[actuator] = -force, force
+        self.data = mujoco.MjData(self.model)
+        self.touched: set[tuple[str, str]] = set()
+        self._goal = (float(scene.goal[0]), float(scene.goal[1]))
+        self._scandots: NativeScandots | None = None
+        if contract.scandots is not None:
+            self._scandots = NativeScandots(scene, self.model, contract)
+        self._servos = _Servos(contract.speed_profile)
+        self._camera = _camera(self.model, contract, pixels)
+        self._realtime, self._epoch = realtime, time.monotonic()
+        joints: dict[str, float] = dict(zip(robot.JOINTS, scene.start_joints.tolist(), strict=True))
+        self.data.qpos[:] = robot.qpos_from_joints(self.model, joints)
+        self.data.qpos[:3] = scene.start
+        mujoco.mj_forward(self.model, self.data)
+        self._command = self._holding()
+
+    def connect(self) -> Connection:
+        """Say what there is."""
+        return Connection(is_real=False, camera=self._camera.info, goal=self._goal)
+
+    def now(self) -> float:
+        """Return the simulated time [s]."""
+        return float(self.data.time)
+
+    def sleep_until(self, time_s: float) -> None:
+        """Simulate up to a time [s]."""
+        while self.data.time < time_s - 1e-9:
+            self._servos.drive(self._command, self.data)
+            mujoco.mj_step(self.model, self.data)
+            self._note_contacts()
+        if self._realtime:
+            time.sleep(max(self._epoch + time_s - time.monotonic(), 0.0))
+
+    def state(self) -> RobotState:
+        """Return the present state."""
+        qpos, qvel, yaw = self.data.qpos, self.data.qvel, self.data.qpos[2]
+        forward = qvel[0] * math.cos(yaw) + qvel[1] * math.sin(yaw)
+        return RobotState(
+            stamp_s=self.now(),
+            joints=_joints(qpos),
+            joint_velocity=_joints(qvel),
+            base=qpos[:3].copy(),
+            base_velocity=np.array([forward, qvel[2]]),
+        )
+
+    def depth(self) -> DepthFrame:
+        """Return the present image."""
+        mujoco.mj_kinematics(self.model, self.data)
+        return DepthFrame(self.now(), self._camera.image(self.data))
+
+    def command(self, command: Command) -> None:
+        """Follow a command from now on."""
+        self._command = command
+
+    def stop(self) -> None:
+        """Stand, and hold the joints."""
+        self._command = self._holding()
+
+    def close(self) -> None:
+        """Do nothing: there are no devices."""
+
+    def told(self) -> Mapping[str, np.ndarray]:
+        """Return the scandots of a policy that needs them, which a simulator knows."""
+        if self._scandots is None:
+            return {}
+        mujoco.mj_kinematics(self.model, self.data)
+        return self._scandots.group(self.data)
+
+    def _holding(self) -> Command:
+        return Command(0.0, 0.0, _joints(self.data.qpos), np.full(len(robot.JOINTS), np.inf))
+
+    def _note_contacts(self) -> None:
+        for geoms in self.data.contact.geom:
+            first, second = sorted(self.model.geom(int(geom)).name for geom in geoms)
+            self.touched.add((first, second))
+
+
+class _Servos:
+    """First-order joints and base, as `sim.drive` has them, with a command's own speed limits."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._lag = profile.base_time_constant
+        self._gain = -math.expm1(-TIMESTEP_S / profile.joint_time_constant) / TIMESTEP_S
+        self._most = np.array([profile.base_acceleration, profile.turn_acceleration]) * TIMESTEP_S
+        self._base = np.zeros(2)
+        self._joint = [robot.JOINTS.index(joint) for joint, _ in robot.DOF_SOURCE]
+        self._share = np.array([share for _, share in robot.DOF_SOURCE])
+
+    def drive(self, command: Command, data: mujoco.MjData) -> None:
+        """Write the velocity set-points of one step."""
+        wanted = np.array([command.forward, command.turn])
+        step = (wanted - self._base) * -math.expm1(-TIMESTEP_S / self._lag)
+        self._base = self._base + np.clip(step, -self._most, self._most)
+        yaw = data.qpos[2] + 0.5 * TIMESTEP_S * self._base[1]
+        forward, turn = self._base
+        limit = self._share * command.joint_speed[self._joint]
+        gap = self._share * command.joints[self._joint] - data.qpos[3:]
+        data.ctrl[:3] = forward * math.cos(yaw), forward * math.sin(yaw), turn
+        data.ctrl[3:] = np.clip(gap * self._gain, -limit, limit)
+
+
+class _RayCamera:
+    """The depth camera by one ray of `mj_multiRay` a pixel; what it is mounted on is not seen."""
+
+    def __init__(self, model: mujoco.MjModel, info: CameraInfo) -> None:
+        self.info = info
+        self._model = model
+        across, down = (math.tan(math.radians(fov) / 2) for fov in info.fov_deg)
+        u, v = (
+            tan * ((2 * np.arange(n) + 1) / n - 1) for tan, n in ((across, info.width), (down, info.height))
+        )
+        right, below = np.meshgrid(u, v)
+        if info.mount == "portrait":  # the site's axes are the camera's: x right, y down in its own image
+            x, y = right, below
+        else:  # as if it was turned: the site's x is down in the world, its y to the left
+            x, y = below, -right
+        # Rays advance one metre of depth per unit, so that distances are depths.
+        self._rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3)
+        self._groups = np.isin(np.arange(6), _SEEN_GROUPS).astype(np.uint8)
+        self._geom = np.zeros(len(self._rays), dtype=np.int32)
+        self._distance = np.zeros(len(self._rays))
+
+    def image(self, data: mujoco.MjData) -> np.ndarray:
+        """Depth [m], 0 where nothing is near enough, shape (height, width), float32."""
+        site = data.site(robot.CAMERA_SITE)
+        rays = self._rays @ site.xmat.reshape(3, 3).T
+        mujoco.mj_multiRay(
+            self._model,
+            data,
+            site.xpos,
+            rays.ravel(),
+            self._groups,
+            True,
+            self._model.site(robot.CAMERA_SITE).bodyid[0],
+            self._geom,
+            self._distance,
+            None,
+            len(rays),
+            10.0 * _FAR_M,
+        )
+        depth = np.where((self._distance >= 0.0) & (self._distance <= _FAR_M), self._distance, 0.0)
+        return depth.reshape(self.info.height, self.info.width).astype(np.float32)
+
+
+def _camera(model: mujoco.MjModel, contract: Contract, pixels: int | None) -> _RayCamera:
+    """Make the camera of a policy; one that reads no images gets a coarse one."""
+    wanted = contract.camera
+    on_side = wanted.mount == "portrait"
+    rows, columns = wanted.image or (29, 19)
+    width, height = (rows, columns) if on_side else (columns, rows)
+    if pixels is not None:
+        height, width = max(round(pixels * height / width), 1), pixels
+    fov = wanted.fov_deg if on_side else (wanted.fov_deg[1], wanted.fov_deg[0])
+    return _RayCamera(model, CameraInfo(wanted.mount, width, height, fov))
+
+
+def _joints(values: np.ndarray) -> np.ndarray:
+    """Read `robot.JOINTS` values out of generalized ones, shape (13,) -> (8,)."""
+    return np.array(
+        [
+            values[3],
+            values[4] + values[5],
+            *values[6:9],
+            0.5 * (values[9] + values[10]),
+            *values[11:13],
+        ]
+    )

@@ -1,0 +1,169 @@
+"""Exported policies against the trained ones, and what they say of themselves."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from tiny_policies import DATA, LIKE, export_tiny, make_tiny
+
+from spin_rl import robot
+from spin_rl.cli import export as command
+from spin_rl.config import ConfigError
+from spin_rl.deploy.network import Network
+from spin_rl.export import parity as parity_module
+from spin_rl.export.graph import recurrent
+from spin_rl.export.groups import describe_group
+from spin_rl.export.parity import compare, draw
+from spin_rl.export.write import export_fetch, export_policy
+from spin_rl.paths import POLICY_DIR
+from spin_rl.runners.policy_file import read_policy
+
+SHIPPED = sorted(file.stem for file in POLICY_DIR.glob("*.safetensors"))
+TEACHERS = ("nav-cvo", "nav-dvo", "nav-room")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_policy_acts_the_same_once_exported(name, tmp_path):
+    done = export_policy(read_policy(name), tmp_path / f"{name}.onnx")
+    assert done.parity.steps == 500 and done.parity.resets > 1
+    assert done.parity.action_error < 1e-4 and done.parity.state_error < 1e-4
+    contract = Network(done.path).contract
+    assert contract.name == name and contract.rate_hz == 10.0 and contract.parity["steps"] == 500
+    assert name in contract.model_card and contract.training["command"]
+    assert (contract.simulation_only is not None) == (name in TEACHERS)
+    expected = {"absolute"} if name.startswith("nav") else {"increments"}
+    assert {contract.actions.mode} == expected
+    assert (contract.goal is not None) == name.startswith("nav")
+    if name == "nav-room":
+        assert contract.goal.range_m == 5.0
+
+
+@pytest.mark.parametrize("name", LIKE)
+def test_the_files_of_the_runtimes_tests_are_what_is_exported_now(name, tmp_path):
+    """Otherwise run tests/export/tiny_policies.py."""
+    export_tiny(name, tmp_path, tmp_path / f"{name}.onnx")
+    new, kept = Network(tmp_path / f"{name}.onnx"), Network(DATA / f"{name}.onnx")
+    for field in vars(new.contract):
+        if field not in ("program", "parity"):
+            assert getattr(new.contract, field) == getattr(kept.contract, field), field
+    rng = np.random.default_rng(0)
+    actor = recurrent(read_policy(make_tiny(name, tmp_path)).build(), name)
+    dims = {group.name: group.size for group in new.contract.observations}
+    for _ in range(3):
+        groups = draw(actor, dims, rng)
+        np.testing.assert_allclose(new(groups), kept(groups), atol=1e-5)
+
+
+def test_the_check_notices_another_network(tmp_path):
+    path = tmp_path / "a.onnx"
+    export_tiny("tiny_nav", tmp_path, path)
+    other = recurrent(read_policy(make_tiny("tiny_nav", tmp_path, seed=2)).build(), "other")
+    assert not compare(Network(path), other, 20).agrees
+    same = recurrent(read_policy(make_tiny("tiny_nav", tmp_path, seed=1)).build(), "same")
+    assert compare(Network(path), same, 20).agrees
+    with torch.no_grad():
+        same.obs_normalizer._mean += 1e-3
+    assert not compare(Network(path), same, 20).agrees
+
+
+def test_the_check_notices_a_memory_that_is_not_cleared(tmp_path, monkeypatch):
+    path = tmp_path / "a.onnx"
+    export_tiny("tiny_nav", tmp_path, path)
+    network, actor = Network(path), recurrent(read_policy(make_tiny("tiny_nav", tmp_path)).build(), "same")
+    network(draw(actor, {g.name: g.size for g in network.contract.observations}, np.random.default_rng(0)))
+    monkeypatch.setattr(network, "reset", lambda: None)
+    assert not compare(network, actor, 20).agrees
+
+
+def test_nothing_is_written_that_acts_differently(tmp_path, monkeypatch):
+    monkeypatch.setattr("spin_rl.export.parity.TOLERANCE", 0.0)
+    with pytest.raises(ConfigError, match="acts differently once exported"):
+        export_tiny("tiny_nav", tmp_path, tmp_path / "a.onnx")
+    assert not (tmp_path / "a.onnx").exists() and parity_module.NUM_STEPS == 500
+
+
+@pytest.mark.parametrize(("mount", "image"), [("portrait", (87, 58)), ("landscape", (58, 87))])
+def test_cameras_are_described(tmp_path, mount, image):
+    changes = {"camera_mount": mount, "camera_pose": [0.1, -0.7]}
+    metadata_image = list(image)
+    path = make_tiny("tiny_nav", tmp_path, **changes)
+    policy = read_policy(path)
+    policy.metadata["actor"]["depth_encoder"]["image"] = metadata_image
+    policy.metadata["actor"]["depth_encoder"] |= {"kernels": [8, 4], "strides": [8, 4]}
+    camera = export_policy_contract(policy, tmp_path).camera
+    assert (camera.mount, camera.image, camera.pose) == (mount, image, (0.1, -0.7))
+    assert camera.fov_deg == pytest.approx(robot.CAMERA_FOV_DEG[:: 1 if mount == "portrait" else -1])
+    for size, focal, fov in zip(image, camera.focal_px, camera.fov_deg, strict=True):
+        assert np.degrees(2 * np.arctan(size / 2 / focal)) == pytest.approx(fov)
+
+
+def export_policy_contract(policy, folder):
+    from spin_rl.export.describe import describe
+
+    return describe(policy, units=8)
+
+
+def test_a_fetch_is_a_bundle(tmp_path):
+    nav, pick = (make_tiny(name, tmp_path) for name in LIKE)
+    files = export_fetch(str(nav), str(pick), tmp_path / "fetch")
+    assert [done.path.name for done in files] == ["tiny_nav.onnx", "tiny_pick.onnx"]
+    settings = json.loads((tmp_path / "fetch" / "fetch.json").read_text())
+    assert {stage["name"]: stage["policy"] for stage in settings["stages"]} == {
+        "reach": "tiny_nav.onnx",
+        "align": None,
+        "pick": "tiny_pick.onnx",
+        "retract": None,
+        "carry": "tiny_nav.onnx",
+        "place": None,
+    }
+    assert settings["settings"]["limits"]["pick"] == 12.0 and settings["settings"]["pick_range_m"] == [
+        0.2,
+        1.6,
+    ]
+    ranges = [Network(done.path).contract.camera.range_m for done in files]
+    assert ranges == [(0.2, 4.0), (0.2, 1.6)]
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    camera = Network(DATA / "tiny_nav.onnx").contract.camera
+    with pytest.raises(ConfigError, match="reads 'privileged', which cannot be exported"):
+        describe_group("privileged", 40, camera)
+    with pytest.raises(ConfigError, match="hand_in_image has no meaning without images"):
+        describe_group("hand_in_image", 3, replace(camera, range_m=None))
+    with pytest.raises(ConfigError, match="no recurrent memory"):
+        recurrent(torch.nn.Linear(1, 1), "a")
+
+
+def call(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["spin-export", *map(str, arguments)])
+    command.main()
+
+
+def test_the_command_writes_and_shows(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "new" / "tiny.onnx"
+    call(monkeypatch, f"policy={make_tiny('tiny_nav', tmp_path)}", f"out={out}")
+    assert f"Wrote {out}" in capsys.readouterr().out
+    call(monkeypatch, f"show={out}")
+    shown = capsys.readouterr().out
+    assert "tiny_nav: task nav, 10 Hz" in shown and "Checked: 500 steps" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "policy: a name or path is needed"),
+        (["policy=none"], "There is no policy 'none'"),
+        (["policy=nav-cvo", "pick=pick-depth"], "pick: is of a fetch"),
+        (["policy=nav-cvo", "out=x.pt"], "out: a policy's file is named <name>.onnx"),
+        (["policy=pick-depth", "fetch=true"], "was trained with task=pick"),
+        (["show=none.onnx"], "there is no file none.onnx"),
+    ],
+)
+def test_bad_input_is_one_line(monkeypatch, capsys, arguments, message):
+    with pytest.raises(SystemExit) as ended:
+        call(monkeypatch, *arguments)
+    error = capsys.readouterr().err
+    assert ended.value.code == 2 and message in error and error.count("\n") == 1
