@@ -212,7 +212,8 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
     numbers = {key: number_of(key, values[key], key) for key in ("scenario", "difficulty")}
     level = numbers["difficulty"]
     named = {"difficulty": DIFFICULTIES[level]} if level in range(len(DIFFICULTIES)) else {}
-    found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
+    viewer = default if values["viewer"] is None else values["viewer"]
+    found = {"viewer": viewer, "device": common.resolve_device(values["device"])}
     options = from_keys(Options, values | {"scenario": numbers["scenario"]} | named | found)
     policies.check_name(options.policy)
     if options.world is not None and options.scene_file is not None:
