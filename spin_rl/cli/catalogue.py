@@ -1,7 +1,8 @@
-"""spin-list: names what there is: tasks, algorithms, scenes, policies, benchmarks, and the checkpoints of a run."""
+"""spin-list: names tasks, algorithms, scenes, policies, benchmarks, and the checkpoints of a run."""
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -53,7 +54,7 @@ def algorithms() -> list[Row]:
 def scenes() -> list[Row]:
     """Distributions of scenes, and scene files."""
     files = sorted((CONF_DIR / "scenes_examples").glob("*.yaml"))
-    return _files("scene") + [(file.name, _first_comment(file)) for file in files]
+    return _files("scene") + [(file.name, _meaning(file)) for file in files]
 
 
 def policies() -> list[Row]:
@@ -62,7 +63,8 @@ def policies() -> list[Row]:
     for file in sorted(POLICY_DIR.glob("*.safetensors")):
         card = file.with_suffix(".md")
         text = card.read_text().split("\n\n")[1] if card.is_file() else ""
-        rows.append((file.stem, f"task={task_in_header(file)}: {text.partition('. ')[0].partition(': ')[0]}"))
+        about = text.partition(". ")[0].partition(": ")[0].partition(";")[0]
+        rows.append((file.stem, f"task={task_in_header(file)}: {about}"))
     return [*rows, ("zero, random", "any task: what learned nothing")]
 
 
@@ -90,12 +92,13 @@ def checkpoints(run_dir: Path) -> list[Row]:
 
 
 def _files(group: str) -> list[Row]:
-    return [(file.stem, _first_comment(file)) for file in sorted((CONF_DIR / group).glob("*.yaml"))]
+    return [(file.stem, _meaning(file)) for file in sorted((CONF_DIR / group).glob("*.yaml"))]
 
 
-def _first_comment(file: Path) -> str:
-    comments = (line[1:].strip() for line in file.read_text().splitlines() if line.startswith("#"))
-    return next((comment for comment in comments if not comment.startswith("@")), "")
+def _meaning(file: Path) -> str:
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("# @")]
+    block = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    return " ".join(line[1:].strip() for line in block).partition(". ")[0].rstrip(".")
 
 
 KINDS: dict[str, Callable[[], list[Row]]] = {

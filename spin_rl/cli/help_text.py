@@ -36,9 +36,7 @@ def of(name: str) -> str:
     if keys:
         rows = [_row(match, match["meaning"]) for match in keys]
         parts.append(["Keys (key=value; those of a group are group.key=value):", *rows])
-        more = (
-            f"All keys: spin-{name} --cfg=job. Several calls one after the other: spin-{name} -m seed=1,2,3."
-        )
+        more = f"All keys: spin-{name} --cfg=job. Several runs, one after the other: spin-{name} -m seed=1,2"
         parts.append([more])
     return "\n\n".join("\n".join(part) for part in parts)
 
