@@ -25,23 +25,20 @@ def of(name: str) -> str:
             defaults, keys what it has at the top with a comment in the same line.
     """
     lines = (CONF_DIR / f"{name}.yaml").read_text().splitlines()
-    start = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    start = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
     introduction = [line[1:].removeprefix(" ") for line in lines[:start]]
     groups = [match for line in lines if (match := _GROUP.fullmatch(line))]
     keys = [match for line in lines if (match := _KEY.fullmatch(line))]
-    return "\n".join(
-        [
-            *introduction,
-            "",
-            "Groups, files of conf/ to choose from (group=file):",
-            *(_row(match, match["meaning"] or _files(match["key"])) for match in groups),
-            "",
-            "Keys (key=value; those of a group are group.key=value):",
-            *(_row(match, match["meaning"]) for match in keys),
-            "",
-            f"All keys: spin-{name} --cfg=job. Several calls one after the other: spin-{name} -m seed=1,2,3.",
-        ]
-    )
+    parts = [introduction]
+    if groups:
+        rows = [_row(match, match["meaning"] or _files(match["key"])) for match in groups]
+        parts.append(["Groups, files of conf/ to choose from (group=file):", *rows])
+    if keys:
+        rows = [_row(match, match["meaning"]) for match in keys]
+        parts.append(["Keys (key=value; those of a group are group.key=value):", *rows])
+        more = f"All keys: spin-{name} --cfg=job. Several runs, one after the other: spin-{name} -m seed=1,2"
+        parts.append([more])
+    return "\n\n".join("\n".join(part) for part in parts)
 
 
 def _row(match: re.Match[str], meaning: str) -> str:

@@ -193,7 +193,7 @@ def run_main(monkeypatch, *arguments):
         (["seconds=0"], "seconds: expected a positive number"),
         (["seconds=long"], "seconds: expected a positive number"),
         (["num_envs=0"], "num_envs: expected a whole number from 1 on"),
-        (["processes=0"], "processes: expected a whole number from 1 on"),
+        (["processes=0"], "processes: expected a whole number from 1 to 1024"),
         (["world_counts=64"], "world_counts: expected a list"),
         (["world_counts=[64,-1]"], "world_counts[1]: expected a whole number from 1 on"),
         (["seed=x"], "seed: expected a whole number"),

@@ -20,14 +20,25 @@ PROPRIO: dict[str, int] = {
 CAMERA_ACTIONS = tuple(robot.ACTIONS.index(joint) for joint in robot.CAMERA_JOINTS)
 
 
+def proprio_columns() -> dict[str, int]:
+    """Return the column of every number of the proprio group, such as `joint_position/head_pan`."""
+    parts = {
+        "joint_position": robot.JOINTS,
+        "joint_velocity": robot.JOINTS,
+        "base_velocity": ("forward", "turn"),
+        "end_effector": ("x", "y", "z"),
+        "last_action": robot.ACTIONS,
+    }
+    names = [f"{block}/{part}" for block in PROPRIO for part in parts[block]]
+    return {name: column for column, name in enumerate(names)}
+
+
 def camera_columns() -> dict[str, tuple[int, ...]]:
     """Return the columns of each group that tell where the camera is, how it moves and what moved it last."""
-    columns, offset = [], 0
-    for block, width in PROPRIO.items():
-        names = {"joint_position": robot.JOINTS, "joint_velocity": robot.JOINTS, "last_action": robot.ACTIONS}
-        columns += [offset + names[block].index(joint) for joint in robot.CAMERA_JOINTS if block in names]
-        offset += width
-    return {"proprio": tuple(columns)}
+    blocks, columns = ("joint_position", "joint_velocity", "last_action"), proprio_columns()
+    return {
+        "proprio": tuple(columns[f"{block}/{joint}"] for block in blocks for joint in robot.CAMERA_JOINTS)
+    }
 
 
 class Proprioception:

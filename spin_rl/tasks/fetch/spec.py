@@ -14,7 +14,7 @@ FETCH = TaskSpec(
     config=FetchConfig,
     scene=FetchSceneParams,
     make_env=Deferred("spin_rl.tasks.fetch.env:FetchEnv"),
-    groups=tuple(dict.fromkeys((*NAV.groups, *PICK.groups, "stage"))),
+    groups=tuple(dict.fromkeys((*(group for group in NAV.groups if group != "way"), *PICK.groups, "stage"))),
     policies={"policy": NAV.name, "pick": PICK.name},
     join=Deferred("spin_rl.tasks.fetch.policy:FetchPolicy"),
     untrainable="fetch cannot be trained; train task=nav and task=pick, see docs/fetch.md",
