@@ -11,8 +11,8 @@ from spin_rl.config import ConfigError, from_mapping
 from spin_rl.deploy import contract as parts
 from spin_rl.deploy.contract import Contract
 from spin_rl.export.groups import describe_group
+from spin_rl.groups import is_depth
 from spin_rl.machine import commit
-from spin_rl.models.groups import is_depth
 from spin_rl.runners.policy_file import TrainedPolicy, find_policy
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sim import SimConfig
