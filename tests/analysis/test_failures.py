@@ -12,11 +12,20 @@ from spin_rl.analysis.failures import (
 from spin_rl.analysis.failures import (
     report as failures_report,
 )
-from spin_rl.analysis.failures import (
-    watch as failure_watch,
+from spin_rl.analysis.failures.failure import Failure, scene_of
+from spin_rl.analysis.failures.names import (
+    HITS,
+    OBSTACLES,
+    base_velocity,
+    kind_of,
+    manner_of,
+    motion_of,
+    place_of,
 )
-from spin_rl.analysis.failures.watch import HITS, FailureWatch, kind_of, motion_of, place_of
+from spin_rl.analysis.failures.watch import FailureWatch
+from spin_rl.analysis.failures.width import free_width
 from spin_rl.analysis.hits import FLOOR
+from spin_rl.benchmark import registry
 from spin_rl.benchmark.reach import Cell, run_cells
 from spin_rl.benchmark.replay import benchmark_scene
 from spin_rl.cli import evaluate
@@ -27,6 +36,7 @@ from spin_rl.tasks.nav.config import NavConfig
 
 BLIND = (-3.14, 0.79)
 AHEAD = (0.0, -0.6)
+REACH, ROOMS, SCENES = (registry.find(name, "nav") for name in ("reach", "rooms", "scenes"))
 BENCHMARK = NavConfig(episode_s=1.5, curriculum=CurriculumConfig(enabled=False, start=1.0))
 
 
@@ -82,7 +92,10 @@ def test_a_collision_is_described(make_nav_env, camera, seen):
     assert failure.to_go_m == pytest.approx(4.0 - failure.travelled_m, abs=2e-3)
     assert failure.seen in seen and (failure.unseen_s is None) == (failure.seen == "never")
     assert "front" in failures_report._by_side([failure, other])[1]
-    rebuilt = failure_watch.scene_of(failure)
+    # No wall has a way around it here: the way left is the straight line.
+    assert (failure.way_m, failure.left_m) == pytest.approx((4.0, failure.to_go_m), abs=2e-3)
+    assert failure.late_m == failure.travelled_m and failure.manner == "drove"
+    rebuilt = scene_of(failure)
     np.testing.assert_allclose(rebuilt.pos[rebuilt.active], [[0.8, 0.0, 0.1]], atol=1e-4)
 
 
@@ -97,6 +110,7 @@ def test_a_timeout_has_no_hit(make_nav_env):
     assert failure.outcome == "timeout" and failure.time_s == pytest.approx(1.0)
     assert failure.parts == [] and failure.slot is None and failure.seen is None
     assert failure.motion == "turning" and failure.turn_rad_s == pytest.approx(0.6, abs=0.05)
+    assert failure.late_m < 0.05 and 0.4 < failure.late_turn_rad < 0.6 and failure.manner == "stood"
 
 
 @pytest.mark.parametrize(
@@ -107,7 +121,7 @@ def test_motion(forward, turn, expected):
     assert motion_of(forward, turn) == expected
     for yaw in (0.0, 2.0):
         qvel = np.array([forward * np.cos(yaw), forward * np.sin(yaw), turn])
-        assert failure_watch.base_velocity(np.array([5.0, 6.0, yaw]), qvel) == pytest.approx((forward, turn))
+        assert base_velocity(np.array([5.0, 6.0, yaw]), qvel) == pytest.approx((forward, turn))
 
 
 def test_kinds_and_places_of_generated_corridors(nav_env):
@@ -138,7 +152,7 @@ def test_kinds_and_places_of_generated_corridors(nav_env):
 def analysis(device):
     lines = []
     result = failures.analyse_failures(
-        make_driver, BENCHMARK, episodes=2, seeds=[3, 5], device=device,
+        REACH, make_driver, BENCHMARK, episodes=2, seeds=[3, 5], device=device,
         policy_name="driver", overrides=["robot=re1"], report=lines.append,
     )  # fmt: skip
     return json.loads(json.dumps(result, allow_nan=False)), lines
@@ -150,7 +164,7 @@ def test_every_failure_is_listed_once(analysis):
     assert sum(row["episodes"] for row in result["rows"]) == len(result["durations_s"]) == 24
     assert len({(f.seed, f.world) for f in entries}) == len(entries) == 24  # nothing reaches a goal in 1.5 s
     for row in result["rows"]:
-        mine = [f for f in entries if (f.scenario, f.difficulty) == (row["scenario"], row["difficulty"])]
+        mine = [f for f in entries if f.condition == f"{row['scenario']} {row['difficulty']}"]
         assert len(mine) == row["episodes"] == 4
         collisions = [f for f in mine if f.outcome == "collision"]
         assert len(collisions) / 4 == row["collision_rate"] and all(f.parts for f in collisions)
@@ -162,13 +176,12 @@ def test_a_replay_has_the_same_corridor(analysis, device):
     failure = failures.failures_of(analysis[0])[-1]
     assert failure.seed == 5 and failure.world < 11
     entry = analysis[0]["failures"][-1]
-    assert entry["play"].startswith(
-        f"scenario={failure.scenario} difficulty={failure.difficulty} seed=5 world="
-    )
+    scenario, difficulty = failure.condition.split()
+    assert entry["play"].startswith(f"scenario={scenario} difficulty={difficulty} seed=5 world=")
     assert entry["play"].endswith(" robot=re1")
-    cell = Cell(failure.scenario, failure.difficulty)
+    cell = Cell(int(scenario), difficulty)
     scene = benchmark_scene(BENCHMARK, cell, failure.seed, failure.world, device)
-    seen = failure_watch.scene_of(failure)
+    seen = scene_of(failure)
     for name in ("active", "pos", "yaw", "half_size"):
         values = getattr(scene, name)
         np.testing.assert_allclose(
@@ -195,9 +208,9 @@ def test_report(analysis, tmp_path):
 
 def test_rates_are_of_those_who_were_at_risk():
     def entry(**values):
-        quiet = {name: None for name in failure_watch.Failure.__dataclass_fields__}
+        quiet = {name: None for name in Failure.__dataclass_fields__}
         known = {"outcome": "collision", "parts": ["base"], "hits": ["low"], "time_s": 0.5, "unseen_s": 0.0}
-        return failure_watch.Failure(**quiet | known | values)
+        return Failure(**quiet | known | values)
 
     some = [
         entry(),
@@ -233,13 +246,13 @@ def test_rates_are_of_those_who_were_at_risk():
 )
 def test_impossible_settings_name_the_key(episodes, seeds, num_envs, key):
     with pytest.raises(ConfigError, match=f"^{key}"):
-        failures.analyse_failures(make_driver, BENCHMARK, episodes, seeds, "cpu", num_envs=num_envs)
+        failures.analyse_failures(REACH, make_driver, BENCHMARK, episodes, seeds, "cpu", num_envs=num_envs)
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["scene=room.yaml"], "scene: an analysis runs"),
+        (["benchmark=pick"], "analysis: failures needs benchmark=reach or benchmark=rooms or benchmark=scenes"),
         (["plot=a.txt"], "plot: expected a .png"),
         (["num_envs=4"], "num_envs: all 600 episodes"),
     ],
