@@ -22,7 +22,7 @@ from spin_rl.speed.timing import Stopwatch
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
-SUBJECTS = ("visibility", "depth", "env", "update", "train")
+SUBJECTS = ("visibility", "depth", "env", "update", "train", "places")
 # Keys of conf/bench.yaml that spin-train does not have, or that the benchmark sets itself.
 _OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
 _BUSY_LOAD = 0.5
@@ -97,6 +97,9 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
         env as env_speed,
     )
     from spin_rl.speed import (
+        places as places_speed,
+    )
+    from spin_rl.speed import (
         scandots as visibility_speed,
     )
     from spin_rl.speed import (
@@ -156,12 +159,18 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
             rows.append(row)
         return rows
 
+    def places() -> list[throughput.Row]:
+        with common.announced(f"Starting corridors, the mixture and example scenes on {device}"):
+            envs = places_speed.make_places(options.overrides, options.num_envs, device, seed)
+        return places_speed.measure_places(envs, runner, seconds, seed, cpu_watch)
+
     measures: dict[str, Callable[[], list[throughput.Row]]] = {
         "visibility": visibility,
         "depth": depth,
         "env": env,
         "update": update,
         "train": train,
+        "places": places,
     }
     subjects = SUBJECTS if options.what == "all" else (options.what,)
     return [row for subject in subjects for row in measures[subject]()]

@@ -125,11 +125,19 @@ def _copy_encoder(target: nn.Module, source: nn.Module, flat: Columns) -> None:
     if isinstance(target, DepthEncoder) and isinstance(source, DepthEncoder):
         target.load_state_dict(_depth_state(target, source, flat))
         return
-    own = dict(target.state_dict())
-    for name, value in source.state_dict().items():
-        own[name] = own[name].clone()
-        own[name][: len(value)] = value  # a wider latent keeps what it was made with behind the source's
-    target.load_state_dict(own)
+    layers = zip(_linear(cast(Any, target).mlp), _linear(cast(Any, source).mlp), strict=True)
+    for layer, other in layers:
+        _widen(layer, other)
+
+
+def _widen(layer: nn.Linear, other: nn.Linear) -> None:
+    """Copy a layer into one that may be wider: what is new has no effect on the source's outputs.
+
+    New outputs keep the weights that they were made with.
+    """
+    layer.weight[: other.out_features] = 0.0
+    layer.weight[: other.out_features, : other.in_features] = other.weight
+    layer.bias[: other.out_features] = other.bias
 
 
 def _depth_state(target: DepthEncoder, source: DepthEncoder, flat: Columns) -> dict[str, torch.Tensor]:
@@ -217,9 +225,17 @@ def _check(target: ScandotModel, source: ScandotModel) -> None:
         else:
             mlps = [cast(nn.Sequential, encoder.mlp) for encoder in encoders]
             layers = [[_linear(mlp)[0].in_features, *_shape(mlp)] for mlp in mlps]
-            fits = layers[0][:-1] == layers[1][:-1] and layers[0][-1] >= layers[1][-1]
+            fits = _is_as_wide(*layers)
         if not fits:
             raise ValueError(f"its encoder of {other} is {layers[1]}, the new one's is {layers[0]}")
+
+
+def _is_as_wide(own: list[Any], other: list[Any]) -> bool:
+    """Whether an encoder of inputs, outputs and activations holds another one with the same inputs."""
+    if own[0] != other[0] or len(own) != len(other):
+        return False
+    pairs = zip(own, other, strict=True)
+    return all(a == b or (isinstance(a, int) and isinstance(b, int) and a > b) for a, b in pairs)
 
 
 def _without_additions(cfg: DepthEncoderConfig) -> DepthEncoderConfig:

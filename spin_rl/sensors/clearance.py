@@ -35,10 +35,13 @@ class Clearance(Sensor):
             limit: Distance from which nothing is near [m].
 
         Raises:
-            ValueError: The limit is not positive, or the robot has a shape that the kernel cannot measure.
+            ValueError: The limit is not positive, the robot has a shape that the kernel cannot measure, or
+                the simulation computes no velocities of bodies.
         """
         if not limit > 0.0:
             raise ValueError(f"limit must be positive, got {limit}")
+        if sim.config.kinematic:
+            raise ValueError("reward.clearance needs velocities of bodies, which sim.kinematic leaves out")
         self._limit = limit
         device = sim.device
         self._shapes = robot_shapes(sim.mj_model, device)

@@ -14,6 +14,8 @@ class SimConfig:
     Attributes:
         timestep: Physics step [s].
         substeps: Physics steps per control step; the control period is their product.
+        kinematic: Leave forces out: servos do what they are told, and what touches does not push. For
+            navigation in training, where contact ends the episode.
         iterations: Constraint solver iterations.
         ls_iterations: Line-search iterations.
         impratio: How much harder friction is than normal contact; None takes the robot's, 10 for the one
@@ -28,10 +30,11 @@ class SimConfig:
 
     timestep: float = 0.02
     substeps: int = 5
+    kinematic: bool = False
     iterations: int = 4
     ls_iterations: int = 8
     impratio: float | None = None
-    nearby: int = 24
+    nearby: int = 64
     contacts_per_world: int = 24
     constraints_per_world: int = 96
     overflow: str = "count"

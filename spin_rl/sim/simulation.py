@@ -15,6 +15,7 @@ from spin_rl.scenes.motion import move_slots, restart_motion
 from spin_rl.scenes.objects.model import MODEL_FIELDS
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.config import SimConfig
+from spin_rl.sim.kinematic import kinematic_step
 from spin_rl.sim.manipulation import GraspForces, Manipulation, ManipulationConfig, ObjectState
 from spin_rl.sim.model import compile_model, geom_parts
 from spin_rl.sim.nearby import Nearby
@@ -118,7 +119,12 @@ class Simulation:
             moving: Whether obstacles may move; otherwise nothing is launched for it.
             manipulation: Options of the grasping robot and the object to grasp; without them there is the
                 robot for navigation alone.
+
+        Raises:
+            ValueError: `config.kinematic` with manipulation, which lives by forces.
         """
+        if config.kinematic and manipulation is not None:
+            raise ValueError("sim.kinematic: this task needs forces, take sim=grasp")
         self.nworld = nworld
         self._moving = moving
         self.device = device
@@ -246,7 +252,10 @@ class Simulation:
                 )
                 if self.nearby is not None:
                     self.nearby.write()
-            mjw.step(self.model, self.data)
+            if self.config.kinematic:
+                kinematic_step(self.model, self.data, self.config.timestep)
+            else:
+                mjw.step(self.model, self.data)
             part_contacts(
                 self.data.contact.geom,
                 self.data.contact.worldid,

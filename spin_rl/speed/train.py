@@ -17,10 +17,40 @@ from spin_rl.speed.env import RandomDriver
 from spin_rl.speed.peers.rsl_rl import RslRlPeer
 from spin_rl.speed.rows import Row, rate_row
 from spin_rl.speed.timing import Stopwatch, Timing
+from spin_rl.tasks.nav.env import NavEnv
 
 MIN_BLOCKS = 3
 WARM_UP_ITERATIONS = 2
 _UNIT = "env steps/s"
+
+
+class Learner:
+    """Trains in an environment: rollouts under the policy that learns, and updates.
+
+    Attributes:
+        alg: The algorithm.
+    """
+
+    def __init__(self, env: NavEnv, cfg: dict[str, Any]) -> None:
+        """Make models and algorithm by the section `runner` of a configuration."""
+        self._env = env
+        self._num_steps = cfg["num_steps_per_env"]
+        self.alg = PPORunner(env, cfg, None, env.device).alg
+        self.alg.train_mode()
+
+    @torch.no_grad()
+    def roll_out(self) -> None:
+        """Collect one rollout."""
+        obs = self._env.get_observations()
+        for _ in range(self._num_steps):
+            obs, rewards, dones, extras = self._env.step(self.alg.act(obs))
+            self.alg.process_env_step(obs, rewards, dones, extras)
+        self.alg.compute_returns(obs)
+
+    def iterate(self) -> None:
+        """Collect one rollout and learn from it."""
+        self.roll_out()
+        self.alg.update()
 
 
 def measure_train(
@@ -41,19 +71,9 @@ def measure_train(
         Rows, and the timing of full training per environment step.
     """
     env = driver.env
-    alg = PPORunner(env, cfg, None, env.device).alg
-    alg.train_mode()
-    num_steps = cfg["num_steps_per_env"]
-
-    @torch.no_grad()
-    def rollout() -> None:
-        obs = env.get_observations()
-        for _ in range(num_steps):
-            obs, rewards, dones, extras = env.step(alg.act(obs))
-            alg.process_env_step(obs, rewards, dones, extras)
-        alg.compute_returns(obs)
-
-    rollout()
+    learner = Learner(env, cfg)
+    alg, num_steps = learner.alg, cfg["num_steps_per_env"]
+    learner.roll_out()
     peer = RslRlPeer(alg, cfg["obs_groups"], cfg)
     alg.update()
     peer.update()
@@ -61,7 +81,7 @@ def measure_train(
     start = time.monotonic()
     while len(parts["env"]) < MIN_BLOCKS or time.monotonic() - start < seconds:
         parts["env"].append(watch.time(driver.step, num_steps))
-        parts["rollout"].append(watch.time(rollout))
+        parts["rollout"].append(watch.time(learner.roll_out))
         parts["update"].append(watch.time(alg.update))
         parts["peer"].append(watch.time(peer.update))
     steps = num_steps * env.num_envs

@@ -189,7 +189,7 @@ def run_main(monkeypatch, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["what=speed"], "what: unknown 'speed'; choose from visibility, depth, env, update, train, all"),
+        (["what=speed"], "what: unknown 'speed'; choose from visibility, depth, env, update, train, places"),
         (["seconds=0"], "seconds: expected a positive number"),
         (["seconds=long"], "seconds: expected a positive number"),
         (["num_envs=0"], "num_envs: expected a whole number from 1 on"),
@@ -270,3 +270,13 @@ def test_training_from_depth(monkeypatch, capfd, device, tmp_path):
              "what=train", "algo=direct_depth")  # fmt: skip
     assert list(actors[0].encoders) == ["depth"]
     assert all(row["value"] > 0.0 for row in json.loads(out.read_text())["rows"])
+
+
+def test_places(monkeypatch, device, tmp_path):
+    out = tmp_path / "bench.json"
+    run_main(monkeypatch, *TINY, "preset=cpu", f"device={device}", f"out={out}", "what=places")
+    rows = {row["name"]: row for row in json.loads(out.read_text())["rows"]}
+    assert rows["training, mixture"]["baseline"] == "training, corridor"
+    assert {f"{part}, office, 205 things" for part in ("physics", "nearby", "scandots", "depth")} < set(rows)
+    assert not any(name.startswith("nearby, corridor") for name in rows)  # physics has all of its 16 slots
+    assert all(row["value"] > 0.0 for row in rows.values())

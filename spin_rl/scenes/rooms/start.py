@@ -22,6 +22,9 @@ _CROSSING = wp.constant(FAMILIES.index("crossing"))
 _ROOMY = wp.constant(0.6)
 """More clearance than this makes no spot better [m]."""
 
+_TURNING = wp.constant(0.35)
+"""Clearance at which the base can turn on the spot [m]."""
+
 _FAR = wp.constant(0.6)
 """How much of the range of ways the least one asked for can take."""
 
@@ -190,6 +193,7 @@ def _place(
                 # In rooms with doorways the goal shall lie behind a wall.
                 if family[world] == _DOORWAY:
                     fits = fits and _wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
+            fits = fits and spot_clearance(world, x, y, _TURNING, slots) >= _TURNING
             if fits and is_calm(world, x, y, slots, track):
                 joints = _draw_joints(p, joints_seed, attempt)
                 start = wp.vec3(x, y, yaw)

@@ -24,7 +24,7 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
-from spin_rl.tasks.nav.ways import corridor_ways, field_ways, most_steps
+from spin_rl.tasks.nav.ways import WayAhead, corridor_ways, field_ways, most_steps
 
 
 class NavEnv(CorridorEnv):
@@ -90,12 +90,15 @@ class NavEnv(CorridorEnv):
         self._make_corridors(cfg)
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
+        ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         self.observations = NavObservations(
-            self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m
+            self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m, ahead
         )
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
-        self._begin(seed, capture, sensors=(self.scandots, self.depth), step_sensors=(self._clearance,))
+        self._begin(
+            seed, capture, sensors=(self.scandots, ahead, self.depth), step_sensors=(self._clearance,)
+        )
 
     def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
         """Make what says how far the goal is: a distance field, or corridors' shape."""

@@ -4,6 +4,8 @@
     goal          (num_envs, 3)   goal in the base frame: x, y and distance [m], divided by 2.5
     scandots      (num_envs, slots * 32)  tokens of what the camera sees, F(s_t, x_t)
     scandots_all  (num_envs, slots * 32)  tokens of the whole local window, s_t
+    way           (num_envs, 3)   length of the way to the goal [m], divided by 2.5, and its direction in the
+                  base frame: what only a map tells, for critics
     depth         (num_envs, rows * cols) image d_t, uint8, see `DepthImages.observe`; if enabled
 
 A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity flags.
@@ -22,8 +24,9 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise
+from spin_rl.tasks.nav.ways import WayAhead
 
-NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all")
+NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all", "way")
 NAV_OPTIONAL_GROUPS = ("depth",)
 
 
@@ -52,6 +55,7 @@ class NavObservations(Proprioception):
         seed: int,
         depth: DepthImages | None = None,
         goal_range: float | None = None,
+        ahead: WayAhead | None = None,
     ) -> None:
         """Prepare constants on the simulation's device.
 
@@ -63,12 +67,15 @@ class NavObservations(Proprioception):
             seed: Seed of the noise.
             depth: Its depth camera, if it has one.
             goal_range: Farthest that a goal is shown [m]; None shows it where it is.
+            ahead: What a map would tell of the way, for the group `way`; None leaves it out.
         """
         super().__init__(sim, noise, seed)
         self._goal = goal
         self._noise = noise
         self._depth = depth
         self._goal_range = goal_range
+        self._ahead = None if ahead is None else ahead.values
+        self._way_scale = goal.new_tensor((1.0 / formulas.GOAL_SCALE_M, 1.0, 1.0))
         self._visible = wp.to_torch(scandots.visible).flatten(1)
         self._all = wp.to_torch(scandots.all).flatten(1)
 
@@ -82,6 +89,8 @@ class NavObservations(Proprioception):
             "scandots": self._with_noise(self._visible),
             "scandots_all": self._all.clone(),
         }
+        if self._ahead is not None:
+            groups["way"] = self._ahead * self._way_scale
         if self._depth is not None:
             groups["depth"] = self._depth.observe()
         return TensorDict(groups, batch_size=[self._sim.nworld])

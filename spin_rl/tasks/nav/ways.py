@@ -4,15 +4,20 @@
 
 from typing import Any
 
+import torch
 import warp as wp
 
 from spin_rl import robot
 from spin_rl.planning.distance_field import DistanceField
 from spin_rl.scenes.layout import Layout
+from spin_rl.sensors.interface import Sensor
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field, field_at
 
 _LONGEST = 1.2
 """Ways are no longer than so many times the longest that starts are drawn for: they bend around obstacles."""
+
+_ASIDE = wp.constant(0.15)
+"""Distance to the points that tell in which direction the way leads [m]."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -112,3 +117,62 @@ def field_ways(
 def most_steps(ways: Any, slowest: float) -> int:
     """The longest that an episode with a distance field may take in control steps, at a factor on speeds."""
     return int(ways.slack_steps + ways.steps_per_m * ways.longest_m / slowest)
+
+
+@wp.kernel
+def _look_ahead(
+    # In
+    ways: Ways,
+    qpos: wp.array2d(dtype=float),
+    goal: wp.array(dtype=wp.vec2),
+    # Out
+    ahead_out: wp.array2d(dtype=float),
+) -> None:
+    """Length of the way and its direction in the base frame, one thread per world."""
+    w = wp.tid()
+    x = qpos[w, 0]
+    y = qpos[w, 1]
+    here = way_to_go(ways, w, x, y, goal[w], distance_to_go(x, y, goal[w], 0))
+    east = way_to_go(ways, w, x + _ASIDE, y, goal[w], here)
+    west = way_to_go(ways, w, x - _ASIDE, y, goal[w], here)
+    north = way_to_go(ways, w, x, y + _ASIDE, goal[w], here)
+    south = way_to_go(ways, w, x, y - _ASIDE, goal[w], here)
+    along = wp.vec2(west - east, south - north) / (2.0 * _ASIDE)
+    along = along / wp.max(wp.length(along), 1.0)
+    c = wp.cos(qpos[w, 2])
+    s = wp.sin(qpos[w, 2])
+    ahead_out[w, 0] = here
+    ahead_out[w, 1] = c * along[0] + s * along[1]
+    ahead_out[w, 2] = c * along[1] - s * along[0]
+
+
+class WayAhead(Sensor):
+    """What a map would tell: how long the way to the goal is and where it leads; for critics alone.
+
+    Attributes:
+        values: Length of the way [m], and the direction in which it gets shorter, in the base frame, no
+            longer than 1, a view, shape (nworld, 3).
+    """
+
+    def __init__(self, ways: Any, qpos: wp.array, goal: wp.array) -> None:
+        """Allocate.
+
+        Args:
+            ways: `Ways` of all worlds.
+            qpos: State of the robot, shape (nworld, nq).
+            goal: Goals [m], shape (nworld,), vec2.
+        """
+        self._inputs = [ways, qpos, goal]
+        with wp.ScopedDevice(qpos.device):
+            self._values = wp.zeros((qpos.shape[0], 3), dtype=float)
+        self.values: torch.Tensor = wp.to_torch(self._values)
+
+    def update(self) -> None:
+        """Look ahead from where the robots are."""
+        wp.launch(
+            _look_ahead,
+            dim=self._values.shape[0],
+            inputs=self._inputs,
+            outputs=[self._values],
+            device=self._values.device,
+        )
