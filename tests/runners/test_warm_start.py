@@ -94,6 +94,11 @@ FLAT, ALL, SEEN = ["proprio", "goal"], ["scandots_all"], ["scandots"]
             id="a wider latent, concatenated",
         ),
         pytest.param(
+            ("recurrent", FLAT + ALL, {"encoder_hidden": (6, 10)}),
+            ("recurrent", FLAT + SEEN, {"encoder_hidden": (7, 15), "scandot_latent": 20}),
+            id="a wider encoder",
+        ),
+        pytest.param(
             ("feed_forward", FLAT + ALL, {}),
             ("recurrent", FLAT + SEEN, {"skip": True}),
             id="feed-forward to recurrent",
@@ -328,8 +333,8 @@ def test_an_unlearned_camera_starts_still_and_without_effect():
             r"'ELU'.*'Tanh'",
         ),
         (
-            ("recurrent", FLAT + SEEN, {"encoder_hidden": (3,)}),
             ("recurrent", FLAT + SEEN, {}),
+            ("recurrent", FLAT + SEEN, {"encoder_hidden": (3,)}),
             "its encoder of scandots is",
         ),
         (
