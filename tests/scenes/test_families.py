@@ -182,7 +182,7 @@ def test_no_gap_is_too_narrow_for_the_robot_and_leads_somewhere(name, device):
         if name == "crossing":  # movers may stand in openings: the hall counts
             away[np.abs(grid) > abs(scene.pos[4, 1]) - scene.half_size[4, 1] - 0.27] = 0.0
         narrow, _ = ndimage.label(away > 0.12)
-        wide, count = ndimage.label(away > 0.5 * PARAMS.gap - 0.03)
+        wide, count = ndimage.label(away > 0.5 * PARAMS.gap - 0.05)
         assert count >= 1
         within = {region: set(wide[(narrow == region) & (wide > 0)]) for region in range(1, narrow.max() + 1)}
         assert all(len(regions) <= 1 for regions in within.values())
