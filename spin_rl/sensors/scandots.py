@@ -42,6 +42,7 @@ class Scandots(Sensor):
         window: float = 2.0,
         near: float = 0.1,
         occlusion: bool = True,
+        pieces_from: float | None = None,
     ) -> None:
         """Allocate the buffers and keep references to the arrays that ``update`` reads.
 
@@ -55,6 +56,8 @@ class Scandots(Sensor):
             window: Half side of the square local window [m].
             near: Smallest depth that the camera sees [m].
             occlusion: Whether obstacles hide corners from the camera.
+            pieces_from: Length or height of slots from which they are told by the piece that is seen, as
+                walls are [m]; None tells of walls alone so.
 
         Raises:
             ValueError: A length or field of view is not positive, the site does not exist, or the arrays
@@ -83,6 +86,7 @@ class Scandots(Sensor):
         self._window = window
         self._near = near
         self._occlusion = occlusion
+        self._pieces_from = pieces_from or 0.0
         shape = (*obstacles.nearby.shape, TOKEN_SIZE)
         self.all = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
         self.visible = wp.zeros(shape, dtype=float, device=obstacles.pos.device)
@@ -101,6 +105,7 @@ class Scandots(Sensor):
             near=self._near,
             window=self._window,
             occlusion=self._occlusion,
+            pieces_from=self._pieces_from,
             all_out=self.all,
             visible_out=self.visible,
         )

@@ -23,7 +23,11 @@ the long axis, as thick as the wall, with all 8 flags set.
   is clipped to the frustum, and its low end, middle, and high end are tested for line of sight. The piece
   spans the samples that pass, along the wall and in height. If none passes, the token is empty.
 
-A long box that is not marked as a wall and crosses the window without a corner inside gives an empty token.
+A long box that is not marked as a wall and crosses the window without a corner inside gives an empty token,
+and one whose corners are all outside the image is not seen, however much of it is in view: so is a couch
+right before the robot. Therefore slots whose length or height is more than ``pieces_from`` are told by pieces
+as walls are: of a long side, or of an end if the base is right before that. ``pieces_from`` 0 leaves that to
+walls, as in the paper.
 """
 
 import warp as wp
@@ -91,6 +95,23 @@ def _long_side_first(box: Box) -> Box:
         turned.cos_yaw = -box.sin_yaw
         turned.sin_yaw = box.cos_yaw
     return turned
+
+
+@wp.func
+def _end_first(box: Box) -> Box:
+    """The same box, described in a frame whose x axis is the shorter horizontal side; x is the longer one."""
+    turned = box
+    turned.half_size = wp.vec3(box.half_size[1], box.half_size[0], box.half_size[2])
+    turned.cos_yaw = -box.sin_yaw
+    turned.sin_yaw = box.cos_yaw
+    return turned
+
+
+@wp.func
+def _is_before_end(box: Box, point: wp.vec3) -> bool:
+    """Whether a point is beyond an end of a box whose x axis is the longer side, and within its width."""
+    local = rotate_yaw_inverse(point - box.pos, box.cos_yaw, box.sin_yaw)
+    return wp.abs(local[1]) <= box.half_size[1] and wp.abs(local[0]) > box.half_size[0]
 
 
 @wp.func
@@ -190,6 +211,7 @@ def _write_scandots(
     near: float,
     window: float,
     occlusion: bool,
+    pieces_from: float,
     all_out: wp.array3d[float],
     visible_out: wp.array3d[float],
 ):
@@ -224,8 +246,12 @@ def _write_scandots(
     camera.to_cam = wp.transpose(site_xmat[world, camera_site])
     camera.tan_half_fov = tan_half_fov
     camera.near = near
-    if is_wall[slot]:
+    largest = 2.0 * wp.max(box.half_size[0], wp.max(box.half_size[1], box.half_size[2]))
+    in_pieces = pieces_from > 0.0 and largest > pieces_from
+    if is_wall[slot] or in_pieces:
         wall = _long_side_first(box)
+        if not is_wall[slot] and _is_before_end(wall, base.pos):
+            wall = _end_first(wall)
         _write_wall(world, token, base, camera, wall, obstacles, nearby, occlusion, all_out, visible_out)
     else:
         _write_box(world, token, base, camera, box, obstacles, nearby, occlusion, all_out, visible_out)
@@ -244,12 +270,13 @@ def scandot_tokens(
     near: float,
     window: float,
     occlusion: bool,
+    pieces_from: float,
     all_out: wp.array,
     visible_out: wp.array,
 ) -> None:
     """Write the scandot tokens of the slots nearby: those in the local window, and those that are seen.
 
-    The rules are in the module's docstring. Graph-safe; the five options freeze at capture.
+    The rules are in the module's docstring. Graph-safe; the six options freeze at capture.
 
     Args:
         obstacles: Walls and obstacles; slots that are not active give zeros and hide nothing.
@@ -264,6 +291,7 @@ def scandot_tokens(
         near: Smallest depth that the camera sees [m].
         window: Half side of the square local window [m].
         occlusion: Whether obstacles hide corners from the camera.
+        pieces_from: Length or height of slots from which they are told as walls are [m], 0 for walls alone.
         all_out: Output, corners in the window whether seen or not, shape (nworld, k, 32), float.
         visible_out: Output, corners that are also seen, shape (nworld, k, 32), float.
     """
@@ -282,6 +310,7 @@ def scandot_tokens(
             near,
             window,
             occlusion,
+            pieces_from,
         ],
         outputs=[all_out, visible_out],
         device=obstacles.pos.device,

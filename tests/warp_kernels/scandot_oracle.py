@@ -111,6 +111,7 @@ class DeviceScene:
     scene: Scene
     device: str
     occlusion: bool
+    pieces_from: float = 0.0
 
     def __post_init__(self) -> None:
         s, device = self.scene, self.device
@@ -148,6 +149,7 @@ class DeviceScene:
             near=NEAR_M,
             window=WINDOW_M,
             occlusion=self.occlusion,
+            pieces_from=self.pieces_from,
             all_out=self.all,
             visible_out=self.visible,
         )

@@ -20,9 +20,19 @@ def wall(x, y, yaw, half=(4.0, 0.05, 0.75)):
     return (WALL, (x, y, half[2]), yaw, half, True)
 
 
-def tokens(slots, device, *, cam=LEVEL, tan=(0.5, 0.5), occlusion=False, base=(1.3, -0.7, 2.1), cam_z=1.0):
+def tokens(
+    slots,
+    device,
+    *,
+    cam=LEVEL,
+    tan=(0.5, 0.5),
+    occlusion=False,
+    base=(1.3, -0.7, 2.1),
+    cam_z=1.0,
+    pieces_from=0.0,
+):
     scene = scene_in_base_frame(slots, base, (0.0, 0.0, cam_z), cam, tan)
-    every, visible = DeviceScene(scene, device, occlusion).run()
+    every, visible = DeviceScene(scene, device, occlusion, pieces_from).run()
     return every[0], visible[0]
 
 
@@ -166,3 +176,50 @@ def test_wall_hidden(device):
     screen = box(0.75, 0.0, 0.75, (0.1, 1.0, 0.75))
     every, visible = tokens([wall(1.5, 0.0, np.pi / 2), screen], device, cam_z=0.75, occlusion=True)
     assert known(every[0]) == 8 and not visible[0].any()
+
+
+COUCH = (0.2, 0.9, 0.4)
+
+
+def test_a_couch_right_before_the_camera_is_seen_by_pieces_alone(device):
+    couch = box(1.0, 0.0, 0.9, half=COUCH)
+    assert known(tokens([couch], device)[1][0]) == 0
+    every, visible = tokens([couch], device, pieces_from=0.5)
+    assert known(every[0]) == known(visible[0]) == 8
+    # Of its face at 0.8 m, what of the ten lines is in the image, half of that distance to either side.
+    y = np.abs(corners(visible[0])[:, 1])
+    assert 0.2 < y.min() and y.max() <= 0.4 + 1e-5
+    assert corners(every[0])[:, 1].max() == pytest.approx(0.9, abs=1e-5)
+    assert sorted(set(corners(visible[0])[:, 0].round(4))) == [0.8, 1.2]
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, -1.2, 2.0])
+@pytest.mark.parametrize("x", [0.7, 1.2])
+def test_a_piece_of_a_long_slot_is_that_of_a_wall(x, yaw, device):
+    other = box(0.5, 0.1, 0.9, half=(0.05, 0.05, 0.3))
+    half = (0.1, 0.8, 0.7)
+    long = (BOX, (x, 0.3, 0.7), yaw, half, True)
+    as_wall = (WALL, *long[1:])
+    by_piece = tokens([long, other], device, occlusion=True, pieces_from=1.0)
+    expected = tokens([as_wall, other], device, occlusion=True)
+    np.testing.assert_array_equal(by_piece[0], expected[0])
+    np.testing.assert_array_equal(by_piece[1], expected[1])
+    assert known(by_piece[0][0]) == 8
+
+
+def test_right_before_its_end_a_long_slot_is_told_by_that(device):
+    shelf = box(1.5, 0.0, 0.9, half=(0.6, 0.15, 0.5))
+    every, visible = tokens([shelf], device, pieces_from=0.5, occlusion=True)
+    assert known(visible[0]) == 8
+    assert np.abs(corners(visible[0])[:, 1]).max() == pytest.approx(0.15, abs=1e-5)
+    assert corners(visible[0])[:, 0].min() == pytest.approx(0.9, abs=1e-5)
+    assert known(every[0]) == 8
+
+
+def test_what_is_high_is_told_by_pieces_too(device):
+    person = box(1.0, 0.0, 0.85, half=(0.2, 0.2, 0.85))
+    assert known(tokens([person], device)[1][0]) == 0
+    visible = tokens([person], device, pieces_from=0.5)[1]
+    assert known(visible[0]) == 8
+    heights = corners(visible[0])[:, 2]
+    assert heights.min() == pytest.approx(0.6, abs=0.01) and heights.max() == pytest.approx(1.4, abs=0.01)

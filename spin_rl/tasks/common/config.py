@@ -92,11 +92,14 @@ class ScandotsConfig:
             2 m).
         near_m: Smallest depth that the camera sees [m].
         occlusion: Whether obstacles hide corners behind them, as they do in a depth image.
+        pieces_from_m: Slots longer or higher than this are told by the piece of them that is seen, as walls
+            are [m]; None tells of walls alone so, and of the others by their corners (paper).
     """
 
     window_m: float = 2.0
     near_m: float = 0.1
     occlusion: bool = True
+    pieces_from_m: float | None = None
 
     def __post_init__(self) -> None:
         """Reject lengths that are none."""

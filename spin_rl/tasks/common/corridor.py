@@ -54,6 +54,7 @@ class CorridorEnv(TaskEnv):
             window=cfg.scandots.window_m,
             near=cfg.scandots.near_m,
             occlusion=cfg.scandots.occlusion,
+            pieces_from=cfg.scandots.pieces_from_m,
         )
 
     def _begin_episodes(self, mask: wp.array) -> None:
