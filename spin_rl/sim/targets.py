@@ -64,6 +64,13 @@ class IncrementConfig:
                     f"manipulation.{name} must be positive, at most {_LARGEST:g}, got {getattr(self, name)}"
                 )
 
+    @property
+    def joint_lead(self) -> tuple[float, ...]:
+        """How far targets stay within where the joints are, in `robot.JOINTS` order [m, rad], shape (8,)."""
+        finger = robot.JOINTS.index("gripper_finger")
+        lead = [rate * self.lead_s for rate in self.joint_rate]
+        return (*lead[:finger], self.gripper_lead, *lead[finger + 1 :])
+
 
 @dataclass(frozen=True)
 class ManipulationConfig:
@@ -74,13 +81,6 @@ class ManipulationConfig:
     """
 
     increments: IncrementConfig = field(default_factory=IncrementConfig)
-
-    @property
-    def joint_lead(self) -> tuple[float, ...]:
-        """How far targets stay within where the joints are, in `robot.JOINTS` order [m, rad], shape (8,)."""
-        finger = robot.JOINTS.index("gripper_finger")
-        lead = [rate * self.lead_s for rate in self.joint_rate]
-        return (*lead[:finger], self.gripper_lead, *lead[finger + 1 :])
 
 
 @wp.struct
