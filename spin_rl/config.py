@@ -114,6 +114,16 @@ class Means:
         return self.noun
 
 
+@dataclass(frozen=True)
+class Text:
+    """Words, also none at all; where a name is meant, an empty one is refused."""
+
+    def check(self, value: Any, where: str) -> None:
+        """Raise a `ConfigError` for anything else."""
+        if not isinstance(value, str):
+            raise ConfigError(f"{where}: expected a text, got {short(value)}")
+
+
 POSITIVE = Range(0.0, above=True)
 
 
@@ -195,7 +205,7 @@ def _convert(hint: Any, value: Any, where: str, expected: str = "", limited: boo
         return value
     if origin is Annotated:
         rule = arguments[1]
-        if isinstance(rule, Choice):
+        if isinstance(rule, Choice | Text):
             rule.check(value, where)
             return value
         result = _convert(arguments[0], value, where, expected, limited=not isinstance(rule, Range))
@@ -243,7 +253,7 @@ def _expected(hint: Any) -> str:
     arguments = typing.get_args(hint)
     if typing.get_origin(hint) is Annotated:
         rule = arguments[1]
-        return "" if isinstance(rule, Choice) else rule.narrow(_expected(arguments[0]))
+        return "" if isinstance(rule, Choice | Text) else rule.narrow(_expected(arguments[0]))
     if type(None) in arguments:
         return f"{_expected(_not_none(arguments))} or null"
     return _NOUNS.get(hint, str(hint))
