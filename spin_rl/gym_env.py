@@ -202,7 +202,7 @@ def _limited(cfg: TaskConfig, steps: int | None) -> TaskConfig:
 
 
 def _numpy(obs: TensorDict) -> dict[str, np.ndarray]:
-    return {str(name): value.cpu().numpy() for name, value in obs.items()}
+    return {str(name): obs.get(name).cpu().numpy() for name in obs.keys()}
 
 
 def register() -> None:

@@ -64,7 +64,7 @@ def upward(layers, above):
         own, other = file.parts[depth - 1].removesuffix(".py"), path[depth]
         if other.startswith("__"):  # the package's own version
             continue
-        if own != other and level[own] >= level[other]:
+        if own != "__init__" and own != other and level[own] >= level[other]:
             wrong.append(f"{file}: {module} {name}")
     return wrong
 

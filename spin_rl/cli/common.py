@@ -122,10 +122,9 @@ def run(
                 if body(Call(values, HydraConfig.get().overrides.task, opened)):
                     sys.exit(INTERRUPTED)
 
-        # Hydra reads these, and wants overrides side by side: behind a flag, further ones are unknown to it.
-        given = [i for i, argument in enumerate(arguments) if "=" in argument and argument[0] != "-"]
-        end = max(given, default=-1) + 1
-        sys.argv[1:] = [*overrides[:end], *overrides[len(arguments) :], *overrides[end : len(arguments)]]
+        # Hydra reads these, and wants overrides side by side, before flags that may take the next word.
+        flags = [argument for argument in overrides if not _is_override(argument)]
+        sys.argv[1:] = [*filter(_is_override, overrides), *flags]
         hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(job)()
 
 
@@ -140,6 +139,10 @@ def _refuse(argument: str, refused: Mapping[str, str]) -> None:
 
 def _is_of_hydra(argument: str) -> bool:
     return argument.startswith("-") or argument.lstrip("+~").startswith(("hydra.", "hydra/"))
+
+
+def _is_override(argument: str) -> bool:
+    return argument[:1] != "-" and ("=" in argument or argument[:1] == "~")
 
 
 def keys_of(options: type, groups: Collection[str]) -> frozenset[str]:

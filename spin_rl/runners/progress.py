@@ -150,7 +150,7 @@ class ScalarWriter:
 
 
 def _wandb_writer(folder: Path, project: str, config: dict[str, Any]) -> Any:
-    import wandb  # an optional package
+    import wandb  # pyright: ignore[reportMissingImports]  # an optional package
     from rsl_rl.utils.wandb_log_writer import WandbLogWriter
 
     writer = WandbLogWriter(str(folder), project)

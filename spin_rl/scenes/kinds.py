@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import Scene
 
@@ -29,7 +31,7 @@ _LOW_TOP_M = 0.4
 _HEAD_BOTTOM_M = 0.95
 
 
-def number_of(what: str, value: object, where: str) -> object:
+def number_of(what: str, value: Any, where: str) -> Any:
     """Turn a name of `CHOICES` into its number; other values stay as they are.
 
     Args:

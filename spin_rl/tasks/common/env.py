@@ -308,8 +308,9 @@ class TaskEnv(VecEnv):
         self._reset_graph.replay()
         self.statistics.restart(mask)
         present, chosen = self._observed, mask[:, None]
-        for name, value in self.get_observations().items():
-            self._observed[name] = torch.where(chosen, value, present[name])
+        new = self.get_observations()
+        for name in new.keys():
+            new[name] = torch.where(chosen, new.get(name), present.get(name))
         return self._observed
 
     def get_observations(self) -> TensorDict:

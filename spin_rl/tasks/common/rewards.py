@@ -88,7 +88,8 @@ def outside_term(name: str) -> Term:
         raise ValueError(f"reward.{name}: expected a function of a step, got {short(term)}")
 
     def checked(step: Transition) -> torch.Tensor:
-        value, wanted = term(step), tuple(step.success.shape)
+        value: Any = term(step)
+        wanted = tuple(step.success.shape)
         shape = getattr(value, "shape", None)
         if shape is None or tuple(shape) != wanted:
             got = type(value).__name__ if shape is None else tuple(shape)
