@@ -10,7 +10,7 @@ import numpy as np
 
 from spin_rl.benchmark.drives import describe_drives, run_drives
 from spin_rl.benchmark.metrics import DriveEpisodes, summarize_drives
-from spin_rl.benchmark.rounds import Announce, check_counts, run_seeds
+from spin_rl.benchmark.rounds import Announce, WatchPolicy, check_counts, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
@@ -42,6 +42,7 @@ def evaluate_reach(
     scene_name: str = "scene",
     announce: Announce | None = None,
     report: Callable[[str], None] = print,
+    watch: WatchPolicy | None = None,
 ) -> dict[str, Any]:
     """Run the benchmark.
 
@@ -59,6 +60,7 @@ def evaluate_reach(
         scene_name: Its name in the result.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
         `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and
@@ -80,6 +82,7 @@ def evaluate_reach(
         num_envs=num_envs,
         announce=announce,
         report=report,
+        watch=watch,
     )
     if scene is not None and are_alike(groups[0]):
         facts["alike"] = True

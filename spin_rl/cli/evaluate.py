@@ -19,8 +19,8 @@ from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
 ANALYSES = ("camera", "failures")
-_ANALYSED = "reach"
-"""The benchmark that the analyses look into."""
+_ANALYSED = {"camera": ("reach",), "failures": ("reach", "rooms", "scenes")}
+"""The benchmarks that each analysis looks into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
 """The analysis of the camera runs the benchmark a dozen times."""
 _TRIPS = "scenes"
@@ -172,6 +172,7 @@ def _analyse_failures(options: Options, source: policies.PolicySource, task: Any
     from spin_rl.analysis.failures import analysis, report
 
     result = analysis.analyse_failures(
+        options.benchmark,
         source.make,
         task,
         options.episodes,
@@ -180,6 +181,8 @@ def _analyse_failures(options: Options, source: policies.PolicySource, task: Any
         policy_name=options.policy,
         overrides=[given for given in options.overrides if settings.group_of(given) in _TASK_GROUPS],
         num_envs=options.num_envs,
+        scene=common.load_scene_file(options.scene_file),
+        scene_file=options.scene_file,
         announce=common.announced,
     )
     return report, result
@@ -236,10 +239,13 @@ def _check(options: Options, spec: TaskSpec) -> None:
         if options.plot is not None:
             raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
         return
-    if options.benchmark.name != _ANALYSED:
-        raise ConfigError(f"analysis: {options.analysis} needs benchmark={_ANALYSED}")
-    if options.scene_file is not None:
-        raise ConfigError("scene: an analysis runs in the benchmark's corridors, not in a scene file")
+    analysed = _ANALYSED[options.analysis]
+    if options.benchmark.name not in analysed:
+        raise ConfigError(
+            f"analysis: {options.analysis} needs {_those(lambda known: known.name in analysed)}"
+        )
+    if options.scene_file is not None and options.analysis == "camera":
+        raise ConfigError("scene: analysis=camera runs in the benchmark's corridors, not in a scene file")
     if options.plot is not None:
         if options.plot.suffix not in _PLOTS:
             raise ConfigError(f"plot: expected a .png, .pdf or .svg file, got {str(options.plot)!r}")

@@ -89,7 +89,7 @@ class Scene:
         motion_phase: Where in its period the latter starts, in [0, 1), 0 at the far end of `retreat`, shape
             (nslot,).
         bend: 0 straight, 1 L-shaped.
-        scenario: 1 or 2, the paper's scenarios.
+        scenario: 1 or 2, the paper's scenarios; 0 where it is none of them.
         difficulty: 0 easy, 1 medium, 2 hard.
         num_obstacles: Obstacles between start and goal; distractors do not count.
         family: Kind of place, an index of `kinds.FAMILIES`.
@@ -167,7 +167,7 @@ class Layout:
         start_joints: Joint positions in `spin_rl.robot.JOINTS` order [m or rad], shape (nworld, 8).
         goal: Where the base should go [m], shape (nworld,), vec2.
         bend: 0 straight, 1 L-shaped, shape (nworld,), int32.
-        scenario: 1 or 2, the paper's scenarios, shape (nworld,), int32.
+        scenario: 1 or 2, the paper's scenarios, 0 where it is none of them, shape (nworld,), int32.
         difficulty: 0 easy, 1 medium, 2 hard, shape (nworld,), int32.
         num_obstacles: Obstacles between start and goal; distractors do not count, shape (nworld,), int32.
         family: Kind of place, an index of `kinds.FAMILIES`, shape (nworld,), int32.

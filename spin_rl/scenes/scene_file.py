@@ -111,6 +111,7 @@ def parse_scene(content: Any) -> Scene:
     scene.goal[:] = numbers(top["goal"], "goal", (2,))
     scene.start_joints[:] = _joints(top.get("joints"))
     scene.num_obstacles = boxes + cylinders
+    scene.scenario = 0
     return scene
 
 

@@ -183,12 +183,14 @@ class CorridorConfig(TaskConfig):
 
     Attributes:
         goal_tolerance_m: Distance at which the goal is reached [m] (paper, Real-world results: 15 cm).
+        goal_range_m: Farthest that a goal is shown to the policy [m], in its direction; None: where it is.
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
         scandots: What the camera sees of obstacles.
     """
 
     goal_tolerance_m: float = 0.15
+    goal_range_m: float | None = None
     scenario: int = 0
     difficulty: int = -1
     scandots: ScandotsConfig = field(default_factory=ScandotsConfig)

@@ -102,7 +102,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             max_length=round(cfg.limits.pick / cfg.sim.control_period),
             hold_steps=self._rules.hold_steps,
         )
-        nav = NavObservations(sim, self.goal, self.scandots, cfg.noise, seed, self.depth)
+        nav = NavObservations(sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m)
         return FetchObservations(nav, pick, self.stage, self.depth, cfg.pick_range_m)
 
     def _allocate(self, cfg: FetchConfig) -> None:

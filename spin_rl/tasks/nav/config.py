@@ -29,7 +29,6 @@ class NavConfig(CorridorConfig):
 
     Attributes:
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
-        goal_range_m: Farthest that a goal is shown to the policy [m], in its direction; None: where it is.
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
@@ -38,7 +37,6 @@ class NavConfig(CorridorConfig):
     """
 
     stop_on_collision: bool = True
-    goal_range_m: float | None = None
     slack_s: float = 10.0
     slowness: float = 3.0
     clearance_m: float = 0.15
