@@ -87,7 +87,7 @@ def run_seeds(
         try:
             per_seed.append(run_seed(env, watched, lambda line, seed=seed: report(f"  seed {seed}: {line}")))
         except KeyboardInterrupt:
-            if not per_seed:
+            if not per_seed or watch is not None:  # what one looking on has seen cannot be undone
                 raise
             stopped = True
             report(f"  seed {seed}: interrupted; what follows is of the seeds before it")
