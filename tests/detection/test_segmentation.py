@@ -12,7 +12,8 @@ from spin_rl.detection.segmentation import SegmentationDetector
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.depth.camera import DepthCamera
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.simulation import Simulation
 
 POOL = PoolSpec()
 # Where the can stands in the base frame, and where the robot stands: the camera looks over its right side.

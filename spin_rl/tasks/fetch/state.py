@@ -13,10 +13,10 @@ place    scripted: turn, unfold, lower, open, raise
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.pick.episode import PICK_OUTCOMES
 from spin_rl.warp_kernels.slots import Slots
 
-STAGES = ("reach", "align", "pick", "retract", "carry", "place")
 REACH = wp.constant(STAGES.index("reach"))
 ALIGN = wp.constant(STAGES.index("align"))
 PICK = wp.constant(STAGES.index("pick"))

@@ -20,8 +20,8 @@ from fetch_steps import (
 )
 
 from spin_rl.tasks.common.episode import COLLISION, RUNNING, SUCCESS
-from spin_rl.tasks.fetch.config import FetchConfig
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, RELEASE_PHASE, STAGES
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, RELEASE_PHASE
 
 CFG = FetchConfig()
 DROPPED = FETCH_OUTCOMES.index("dropped")
