@@ -227,7 +227,8 @@ def test_gymnasiums_normalization(next_step):
     obs, _ = wrapped.reset(seed=1)
     for _ in range(2 * STEPS):
         obs, reward, *_ = wrapped.step(wrapped.action_space.sample())
-    assert obs.shape == (4, 31 + 3 + 2 * 512) and np.isfinite(obs).all() and np.isfinite(reward).all()
+    width = sum(space.shape[0] for space in next_step.single_observation_space.values())
+    assert obs.shape == (4, width) and np.isfinite(obs).all() and np.isfinite(reward).all()
 
 
 def test_gymnasiums_videos(device, tmp_path):
