@@ -60,6 +60,12 @@ def in_base(point: np.ndarray, base: np.ndarray) -> np.ndarray:
     return np.array([cos * dx + sin * dy, cos * dy - sin * dx, *point[2:]])
 
 
+def out_of_base(point_b: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Turn a point of a base pose's frame [m], shape (3,), into the frame of the odometry."""
+    back = np.array([0.0, 0.0, -base[2]])
+    return in_base(point_b, back) + np.array([*base[:2], 0.0])
+
+
 def _goal(now: Situation) -> np.ndarray:
     """Return the goal in the base frame, x, y and distance [m], no farther than the policy knows."""
     assert now.goal is not None
