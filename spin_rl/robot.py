@@ -84,7 +84,7 @@ CAMERA_SITE = "camera_depth_optical_frame"
 """Site between the fingertips; its x axis points out of the gripper, towards what it reaches for."""
 
 HAND_Z_M, HAND_AHEAD_M, HAND_BELOW_M = 0.1395, 0.264359, 0.024
-"""At the zero pose, height of the wrist's pitch joint, and the grasp centre seen from there; from the MJCF."""
+"""At the zero pose, height of the wrist's pitch joint, and the grasp centre from there, by the MJCF."""
 
 BASE_X_M, BASE_HALF_WIDTH_M, BASE_TOP_M = (-0.288, 0.059), 0.182, 0.20
 """The base's box in its own frame, with the laser on top."""

@@ -37,7 +37,7 @@ spin-deploy replay=<log>
   log          <file.jsonl> to write, to be replayed later
   replay       <file.jsonl> runs what it holds through the policy again, which must give the same actions
 
-Ctrl-C stops the robot. Status: 0 arrived or placed, 1 time is over or a replay that differs, 2 refused, 3 stopped.
+Ctrl-C stops the robot. Status: 0 arrived or placed, 1 time is over or replay differs, 2 refused, 3 stopped.
 """
 
 

@@ -115,13 +115,13 @@ class Driver:
         header = SimpleNamespace(stamp=stamp)
         turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(self.yaw / 2), w=math.cos(self.yaw / 2))
         pose = SimpleNamespace(position=SimpleNamespace(x=1.0, y=2.0), orientation=turn)
-        twist = Message()
+        pose, twist = SimpleNamespace(pose=pose), Message()
         twist.linear.x, twist.angular.z = self.speed
         depth = {"16UC1": np.full((4, 6), 1500, "<u2"), "32FC1": np.full((4, 6), 1.5, "<f4")}
         image = depth.get(self.encoding, np.zeros((4, 6), np.uint8))
         padded = np.pad(image.view(np.uint8), ((0, 0), (0, 5)))
         messages = {
-            "/odom": Message(header=header, pose=SimpleNamespace(pose=pose), twist=SimpleNamespace(twist=twist)),
+            "/odom": Message(header=header, pose=pose, twist=SimpleNamespace(twist=twist)),
             "/stretch/joint_states": Message(
                 header=header, name=list(self.names), position=list(self.pose), velocity=[0.0] * 8
             ),

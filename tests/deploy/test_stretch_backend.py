@@ -37,8 +37,8 @@ def test_a_command_moves_every_joint_at_its_speed_and_is_sent_once(fakes, nav_ne
     pct = 0.2 / fake_stretch_body.FINGER_RAD_PER_PCT
     assert body.calls == [
         ("base", 0.2, -0.5), ("lift", 0.7, 0.1), ("arm", 0.2, 0.2), ("wrist_yaw", 0.5, 0.3),
-        ("wrist_pitch", -0.3, 0.4), ("wrist_roll", 0.1, 0.5), ("head_pan", -0.4, 0.7), ("head_tilt", -0.2, 0.8),
-        ("stretch_gripper", pytest.approx(pct), None), ("push",),
+        ("wrist_pitch", -0.3, 0.4), ("wrist_roll", 0.1, 0.5), ("head_pan", -0.4, 0.7),
+        ("head_tilt", -0.2, 0.8), ("stretch_gripper", pytest.approx(pct), None), ("push",),
     ]  # fmt: skip
     state = opened.state()
     np.testing.assert_allclose(state.joints, TARGET)

@@ -1,8 +1,8 @@
 """A Stretch behind Hello Robot's ROS 2 driver: all calls of rclpy. Never tried on a robot.
 
-Written from the interface of the driver `stretch_core/stretch_driver` for Humble and its launch files. Speeds
-of the base go to `cmd_vel`, which counts in the driver's navigation mode alone and for half a second; joints to
-`joint_pose_cmd`, whose order is `_POSE`. The driver's topics come at 30 Hz; what came last is kept.
+Written from the interface of the driver `stretch_core/stretch_driver` for Humble and its launch files.
+Speeds of the base go to `cmd_vel`, which counts in the driver's navigation mode alone and for half a second;
+joints to `joint_pose_cmd`, whose order is `_POSE`. The driver's topics come at 30 Hz; what came last is kept.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class RosRobot:
         from rclpy.qos import qos_profile_sensor_data
         from rclpy.signals import SignalHandlerOptions
 
-        self.clock = MonotonicClock()
+        self.clock: Clock = MonotonicClock()
         self._cfg, self._rclpy, self._executor_of = cfg, rclpy, SingleThreadedExecutor
         self._no_signals, self._any_quality = SignalHandlerOptions.NO, qos_profile_sensor_data
         self._twist, self._array = geometry_msgs.msg.Twist, std_msgs.msg.Float64MultiArray

@@ -23,7 +23,7 @@ from spin_rl.deploy.backends.dry_run import DryRun
 from spin_rl.deploy.backends.realsense import RealSense
 from spin_rl.deploy.clock import MonotonicClock
 from spin_rl.deploy.contract import Contract
-from spin_rl.deploy.interface import Command, Connection, DepthFrame, Robot, RobotState
+from spin_rl.deploy.interface import Clock, Command, Connection, DepthFrame, Robot, RobotState
 from spin_rl.extras import require
 
 _WRIST = ("wrist_yaw", "wrist_pitch", "wrist_roll")
@@ -71,7 +71,7 @@ class StretchRobot:
 
     def __init__(self, library: Any, clock: MonotonicClock, camera: RealSense | None) -> None:
         """Keep the library's module and the camera; nothing is started yet."""
-        self.clock = clock
+        self.clock: Clock = clock
         self._library, self._camera = library, camera
         self._body: Any = None
 

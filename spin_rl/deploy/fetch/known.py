@@ -1,4 +1,4 @@
-"""What a fetch knows of hand, object and surroundings beside the robot's own state: groups that back ends tell.
+"""What a fetch knows of hand, object and surroundings beside the robot's state: groups that back ends tell.
 
 A simulator tells the truth. A robot would have to measure it; from what, says `spin_rl.tasks.fetch.known`.
 All is in the frame of the odometry, in which the corridor begins along +x with its middle at y = 0.
