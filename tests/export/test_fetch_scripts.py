@@ -173,13 +173,14 @@ def test_stages_follow_each_other_as_in_training(device, seed):
         rules = rules_of(fetch_state.FetchRules, CFG, limits=wp.array(limits, dtype=wp.int32), table_slot=0)
         end.qpos, end.qvel = wp.zeros_like(bodies.qpos), wp.zeros_like(bodies.qvel)
         end.outcome, end.done = wp.zeros(NUM, dtype=wp.int32), wp.zeros(NUM, dtype=bool)
+        increments = make_increments(CFG.manipulation.increments, PERIOD, device)
         forces, seen = Forces(), wp.array(e["seen"], dtype=bool)
         forces.finger, forces.table = wp.array(e["fingers"], dtype=float), wp.array(e["table_n"], dtype=float)
         forces.hard, forces.support = wp.array(e["hard_n"], dtype=float), wp.array(e["support"], dtype=bool)
         wp.launch(
             fetch_stages.advance_stages,
             dim=NUM,
-            inputs=[bodies, forces, rules, make_increments(CFG.manipulation.increments, PERIOD, device), seen],
+            inputs=[bodies, forces, rules, increments, seen],
             outputs=[
                 state, fetch_state.make_record(NUM, device), wp.zeros(NUM, dtype=wp.int32),
                 wp.zeros((NUM, 10), dtype=float), end,

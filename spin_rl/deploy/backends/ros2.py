@@ -22,6 +22,7 @@ from spin_rl.deploy.clock import MonotonicClock
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import (
     CameraInfo,
+    Clock,
     Command,
     Connection,
     DepthFrame,
