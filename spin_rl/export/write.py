@@ -118,7 +118,7 @@ def fetch_settings(config: FetchConfig, nav: str, pick: str) -> dict[str, Any]:
     return {
         "policies": {"nav": nav, "pick": pick},
         "stages": [{"name": stage, "policy": files.get(stage)} for stage in STAGES],
-        "scripted": "stages without a policy; docs/fetch.md",
+        "scripted": "stages without a policy; spin_rl/deploy/fetch",
         "reset": "a policy's memory is reset when its stage begins",
         "settings": {name: values[name] for name in _FETCH_SETTINGS},
     }
