@@ -13,9 +13,9 @@ from PIL import Image, ImageDraw, ImageFont
 from spin_rl import robot
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.outline import outline
 from spin_rl.scenes.scene_file import load_scene
 from spin_rl.viewer import style
-from spin_rl.viewer.plan import footprint
 from spin_rl.viewer.renderer import Renderer
 from spin_rl.viewer.snapshot import Scandots, Snapshot
 from spin_rl.viewer.stage import Stage
@@ -45,7 +45,7 @@ def draw(name: str) -> Image.Image:
 
 def view(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Where the camera stands and what it looks at [m], so that the whole scene is in the picture."""
-    points = np.concatenate([footprint(scene, slot) for slot in range(scene.pool.num_slots)])
+    points = np.concatenate([outline(scene, slot) for slot in range(scene.pool.num_slots)])
     low, high = points.min(axis=0), points.max(axis=0)
     x, y = 0.5 * (low + high)
     size = max((high - low)[0], 1.25 * (high - low)[1])

@@ -10,7 +10,7 @@ import numpy as np
 
 from spin_rl.benchmark.drives import describe_drives, run_drives
 from spin_rl.benchmark.metrics import DriveEpisodes, summarize_drives
-from spin_rl.benchmark.rounds import Announce, check_counts, run_seeds
+from spin_rl.benchmark.rounds import Announce, WatchPolicy, check_counts, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
@@ -42,6 +42,7 @@ def evaluate_reach(
     scene_name: str = "scene",
     announce: Announce | None = None,
     report: Callable[[str], None] = print,
+    watch: WatchPolicy | None = None,
 ) -> dict[str, Any]:
     """Run the benchmark.
 
@@ -59,10 +60,11 @@ def evaluate_reach(
         scene_name: Its name in the result.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
         `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and
-        the settings under which the rows were measured.
+        the settings under which the rows were measured; `alike` where all episodes were the same one.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.
@@ -80,7 +82,14 @@ def evaluate_reach(
         num_envs=num_envs,
         announce=announce,
         report=report,
+        watch=watch,
     )
+    if scene is not None and are_alike(groups[0]):
+        facts["alike"] = True
+        report(
+            f"scene: all {len(groups[0].outcome)} episodes are the same one, so the interval means nothing: "
+            "policy, start and dynamics are fixed; starts=50 draws different trips"
+        )
     rows = [
         {"scenario": cell.scenario, "difficulty": cell.difficulty}
         | summarize_drives(group, cfg.sim.control_period)
@@ -94,6 +103,12 @@ def evaluate_reach(
         **describe_drives(cfg),
         **facts,
     }
+
+
+def are_alike(episodes: DriveEpisodes) -> bool:
+    """Whether several episodes are one and the same, to the last bit of where they ended."""
+    ends = (episodes.outcome, episodes.steps, episodes.distance, episodes.driven)
+    return len(episodes.outcome) > 1 and all(np.ptp(values) == 0 for values in ends)
 
 
 def in_usual_pool(scene: Scene) -> Scene:

@@ -9,7 +9,7 @@ import numpy as np
 
 from spin_rl.benchmark.drives import describe_drives, run_drives
 from spin_rl.benchmark.metrics import DriveEpisodes, summarize_drives
-from spin_rl.benchmark.rounds import Announce, Report, check_counts, run_seeds
+from spin_rl.benchmark.rounds import Announce, Report, WatchPolicy, check_counts, run_seeds
 from spin_rl.config import ConfigError
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import FAMILIES
@@ -29,6 +29,7 @@ def evaluate_rooms(
     num_envs: int | None = None,
     announce: Announce | None = None,
     report: Report = print,
+    watch: WatchPolicy | None = None,
 ) -> dict[str, Any]:
     """Run the benchmark.
 
@@ -45,6 +46,7 @@ def evaluate_rooms(
         num_envs: Most worlds at once; None takes all episodes at once as far as that is sensible.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
         `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `family`), and the settings under
@@ -68,6 +70,7 @@ def evaluate_rooms(
         num_envs=num_envs,
         announce=announce,
         report=report,
+        watch=watch,
     )
     return {
         "policy": policy_name,

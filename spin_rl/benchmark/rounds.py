@@ -33,6 +33,8 @@ Report = Callable[[str], None]
 Announce = Callable[[str], contextlib.AbstractContextManager[Any]]
 RunSeed = Callable[[Env, Policy, Report], list[Kind]]
 """Runs a seed's episodes; returns those of every condition."""
+WatchPolicy = Callable[[Any, Policy, int], Policy]
+"""Puts something that looks on around a policy in an environment for a seed."""
 
 
 def run_seeds(
@@ -46,6 +48,7 @@ def run_seeds(
     num_envs: int | None = None,
     announce: Announce | None = None,
     report: Report = print,
+    watch: WatchPolicy | None = None,
 ) -> tuple[list[Kind], dict[str, Any]]:
     """Run a benchmark's episodes; every seed is a batch of its own.
 
@@ -59,24 +62,40 @@ def run_seeds(
         num_envs: Most worlds at once; None takes all episodes at once as far as that is sensible.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on; then all episodes of a seed run at once, so that a world stands for an episode.
 
     Returns:
         The episodes of every condition, those of all seeds together; and what every benchmark's result tells
-        of the measurement: task, seeds, worlds, device, overflows, commit, seconds.
+        of the measurement: task, seeds, worlds, device, overflows, commit, seconds. After Ctrl-C they are of
+        the seeds that were finished, and it tells of that too (`stopped`).
+
+    Raises:
+        KeyboardInterrupt: It came before a seed was finished.
+        ConfigError: Too few worlds for one that looks on.
     """
     start = time.monotonic()
-    nworld = batch_size(total, num_envs, device)
+    nworld = batch_size(total, num_envs, device) if watch is None else one_batch(total, num_envs)
     with announce(f"Starting {nworld} worlds on {device}") if announce else contextlib.nullcontext():
         env = make_env(nworld)
     policy = make_policy(env.get_observations(), device)
     env.health.clear()
     per_seed = []
+    stopped = False
     for seed in seeds:
         env.reseed(SEED_OFFSET + seed)
-        per_seed.append(run_seed(env, policy, lambda line, seed=seed: report(f"  seed {seed}: {line}")))
+        watched = policy if watch is None else watch(env, policy, seed)
+        try:
+            per_seed.append(run_seed(env, watched, lambda line, seed=seed: report(f"  seed {seed}: {line}")))
+        except KeyboardInterrupt:
+            if not per_seed or watch is not None:  # what one looking on has seen cannot be undone
+                raise
+            stopped = True
+            report(f"  seed {seed}: interrupted; what follows is of the seeds before it")
+            break
     groups = [Episodes.concatenate(list(group)) for group in zip(*per_seed, strict=True)]
     return groups, {
-        "seeds": list(seeds),
+        "seeds": list(seeds)[: len(per_seed)],
+        **({"stopped": True} if stopped else {}),
         "num_envs": nworld,
         "device": device,
         "overflows": {name: count for name, count in env.health.read().items() if count},
@@ -124,6 +143,23 @@ def batch_size(episodes: int, num_envs: int | None, device: str) -> int:
     limit = num_envs or _MAX_WORLDS[torch.device(device).type]
     rounds = math.ceil(episodes / limit)
     return math.ceil(episodes / rounds)
+
+
+def one_batch(episodes: int, num_envs: int | None) -> int:
+    """Number of worlds that runs all episodes of a seed at once.
+
+    Args:
+        episodes: Episodes of all conditions together.
+        num_envs: Most worlds at once, or None.
+
+    Raises:
+        ConfigError: Too few worlds.
+    """
+    if num_envs is not None and num_envs < episodes:
+        raise ConfigError(
+            f"num_envs: all {episodes} episodes of a seed must run at once; use fewer episodes and more seeds"
+        )
+    return episodes
 
 
 def run_rounds(

@@ -7,7 +7,7 @@ from typing import Any
 
 from spin_rl.benchmark.drives import describe_drives, run_drives
 from spin_rl.benchmark.metrics import DriveEpisodes, Episodes, summarize_drives
-from spin_rl.benchmark.rounds import Announce, Report, check_counts, run_seeds
+from spin_rl.benchmark.rounds import Announce, Report, WatchPolicy, check_counts, run_seeds
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.planning.trips import draw_trips
@@ -32,6 +32,7 @@ def evaluate_scenes(
     scene_name: str = "scene",
     announce: Announce | None = None,
     report: Report = print,
+    watch: WatchPolicy | None = None,
 ) -> dict[str, Any]:
     """Run the benchmark.
 
@@ -47,6 +48,7 @@ def evaluate_scenes(
         scene_name: Its name in the result.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
         `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scene`), and the settings under
@@ -70,6 +72,7 @@ def evaluate_scenes(
         num_envs=num_envs,
         announce=announce,
         report=report,
+        watch=watch,
     )
     return {
         "policy": policy_name,
@@ -118,15 +121,19 @@ def run_trips(
     return [Episodes.concatenate(driven[first::scenes]) for first in range(scenes)]
 
 
+def trips_through(scene: Scene, count: int, cfg: NavConfig, seed: int) -> list[Scene]:
+    """Draw the trips of a seed through a scene, see `planning.trips.draw_trips`."""
+    return draw_trips(scene, count, with_camera_at(cfg.scene, cfg.camera_pose), seed=seed)
+
+
 def _draw_all(
     scenes: Mapping[str, Scene], count: int, cfg: NavConfig, seed: int, report: Report
 ) -> list[Scene]:
     """Draw trips, one through every scene in turn, so that every round has a mix of them."""
-    params = with_camera_at(cfg.scene, cfg.camera_pose)
     drawn = []
     for name, scene in scenes.items():
         try:
-            drawn.append(draw_trips(scene, count, params, seed=seed))
+            drawn.append(trips_through(scene, count, cfg, seed))
         except ValueError as error:
             raise ConfigError(f"{error} ({name})") from None
         report(f"  {name}: {count} trips with a way (seed {seed})")

@@ -8,7 +8,7 @@ from typing import Any, cast
 from omegaconf import OmegaConf
 
 from spin_rl.config import ConfigError
-from spin_rl.models.groups import OBJECT
+from spin_rl.groups import OBJECT
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common.config import TaskConfig
 
@@ -78,6 +78,8 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             values = OmegaConf.select(source, f"task.{section}")
             if values is not None:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
+    if (goal_range := OmegaConf.select(sources[0], "task.goal_range_m")) is not None:
+        OmegaConf.update(joint, "task.goal_range_m", goal_range, force_add=True)
     read = OmegaConf.select(seeing[0], "depth.filter") if seeing else None
     for name in _RANGE:
         if read is not None and name in read:

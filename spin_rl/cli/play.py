@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import torch
-
 from spin_rl.benchmark import policies, settings
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
-from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
+from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS, number_of
+from spin_rl.scenes.rooms.params import FamilyParams, scene_class
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.registry import TASKS, TaskSpec, find_task
@@ -36,7 +35,11 @@ class Options:
         difficulty: One of `DIFFICULTIES`.
         episodes: Episodes of a video or of plots.
         seed: Of corridors, start poses and goals.
-        world: Index in the reach benchmark's batch of the seed, whose corridor is played; None for others.
+        world: Index in the batch of the seed in the benchmark of reach or rooms, whose scene is played; None
+            for others.
+        family: Of that world in the benchmark of rooms, or None.
+        starts: Trips per scene and seed in the benchmark of scenes, or None.
+        trip: Which of them is played, or None.
         viewer: One of `VIEWERS`.
         video: File to write, or None.
         samples: Rays per pixel of a video along each axis.
@@ -55,6 +58,9 @@ class Options:
     episodes: Annotated[int, Range(1, 1000)]
     seed: Annotated[int, Range(0, 2**31 - 1)]
     world: Annotated[int, Range(0, _MOST_WORLDS - 1)] | None
+    family: Annotated[str, Choice(FAMILIES)] | None
+    starts: Annotated[int, Range(1, _MOST_WORLDS)] | None
+    trip: Annotated[int, Range(0, _MOST_WORLDS - 1)] | None
     viewer: Annotated[str, Choice(VIEWERS)]
     video: Path | None
     samples: Annotated[int, Range(1, 4)]
@@ -73,15 +79,23 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-play` command."""
-    common.run("play", play, lambda given: with_task([common.scene_file_argument(a) for a in given]))
+    common.run(
+        "play",
+        play,
+        lambda given: with_task([common.scene_file_argument(a) for a in given]),
+        common.keys_of(Options, common.TASK_GROUPS),
+    )
 
 
 def play(call: common.Call) -> None:
     """Show the policy that was asked for; write the video and the plots before any live view."""
-    spec = find_task(call.values["task"]["name"])
+    spec = find_task(call.values["task"].get("name"))
     options = read_options(call, spec)
+    spec.check(call.values)
     players = Players(call, spec, options)
     if options.device == "cpu":
+        import torch
+
         torch.set_num_threads(1)
     if options.video or options.plots or options.viewer == "none":
         _record(players, options)
@@ -130,7 +144,7 @@ def _record(players: Players, options: Options) -> None:
             episodes = record(player, options.episodes, maker.draw, append)
     for i, episode in enumerate(episodes):
         last = episode[-1]
-        what = f"{progress_label(last)}, {cell_label(last)}"
+        what = ", ".join(filter(None, [progress_label(last), cell_label(last)]))
         print(f"  episode {i + 1}: {last.cause} after {last.time:.1f} s, {what}")
     result = summary([episode[-1] for episode in episodes])
     if options.video is not None:
@@ -139,7 +153,7 @@ def _record(players: Players, options: Options) -> None:
         files = plots.write_plots(options.plots, episodes, player.title)
         print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {result}")
     if options.video is None and options.plots is None:
-        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {result}")
+        print(f"{result} (video=<file.mp4> keeps pictures)")
 
 
 class Players:
@@ -181,18 +195,27 @@ class Players:
         return player
 
     def _start(self, task: TaskConfig, worlds: int) -> Any:
-        """Start the worlds of a task; corridors may be a scene file's, or one of the benchmark's."""
+        """Start the worlds of a task; the scene may be a file's, or one of a benchmark's."""
         from spin_rl.benchmark.reach import Cell, in_usual_pool
         from spin_rl.benchmark.replay import benchmark_scene
+        from spin_rl.benchmark.scenes import trips_through
 
         options = self._options
         scene = common.load_scene_file(options.scene_file)
         if options.world is not None:
-            cell = Cell(options.scenario, options.difficulty)
+            condition = options.family or Cell(options.scenario, options.difficulty)
             assert isinstance(task, NavConfig)  # `read_options` has seen to it
-            scene = benchmark_scene(task, cell, options.seed, options.world, options.device)
-        fixed = {} if scene is None else {"scene": in_usual_pool(scene)}
-        return self._spec.make_env(task, worlds, options.device, options.seed, **fixed)
+            scene = benchmark_scene(task, condition, options.seed, options.world, options.device)
+        elif scene is not None and options.starts is not None and options.trip is not None:
+            assert isinstance(task, NavConfig)
+            scene = trips_through(scene, options.starts, task, options.seed)[options.trip]
+        if scene is None:
+            return self._spec.make_env(task, worlds, options.device, options.seed)
+        scene = in_usual_pool(scene)
+        # With several scenes, ways and time limits are those of families and trips.
+        by_field = options.family is not None or options.trip is not None
+        fixed = [scene] if by_field else scene
+        return self._spec.make_env(task, worlds, options.device, options.seed, scene=fixed)
 
 
 def read_options(call: common.Call, spec: TaskSpec) -> Options:
@@ -203,10 +226,16 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
     """
     values = call.values
     default = "none" if values["video"] or values["plots"] else "viser"
-    found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
-    options = from_keys(Options, values | found)
+    numbers = {key: number_of(key, values[key], key) for key in ("scenario", "difficulty")}
+    level = numbers["difficulty"]
+    named = {"difficulty": DIFFICULTIES[level]} if level in range(len(DIFFICULTIES)) else {}
+    viewer = default if values["viewer"] is None else values["viewer"]
+    found = {"viewer": viewer, "device": common.resolve_device(values["device"])}
+    options = from_keys(Options, values | {"scenario": numbers["scenario"]} | named | found)
+    policies.check_name(options.policy)
     if options.world is not None and options.scene_file is not None:
         raise ConfigError("world: a scene file is the same in every world")
+    _check_replay(options, families=scene_class(values["scene"]) is FamilyParams)
     for key, value in (("world", options.world), ("scene", options.scene_file)):
         if value is not None and not spec.scene_files:
             raise ConfigError(f"{key}: {value} needs a policy of {_those(lambda spec: spec.scene_files)}")
@@ -214,6 +243,23 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
         raise ConfigError(f"pick: {options.pick} needs {_those(lambda spec: 'pick' in spec.policies)}")
     _check_views(options)
     return options
+
+
+def _check_replay(options: Options, families: bool) -> None:
+    """Reject incomplete names of an episode of the benchmarks of rooms and scenes."""
+    if options.world is not None and families and options.family is None:
+        raise ConfigError(f"world: {options.world} of scene families needs family=, the world's own")
+    if options.family is not None and (options.world is None or not families):
+        raise ConfigError(f"family: {options.family} needs world= and scene=mixture")
+    if (options.starts is None) != (options.trip is None):
+        raise ConfigError(
+            "trip: needs starts=, the number of trips that it is one of, and starts= needs trip="
+        )
+    if options.trip is not None and options.starts is not None:
+        if options.scene_file is None:
+            raise ConfigError(f"trip: {options.trip} needs a scene file, such as scene=lab.yaml")
+        if options.trip >= options.starts:
+            raise ConfigError(f"trip: {options.trip} is none of {options.starts}, which are counted from 0")
 
 
 def _those(fits: Callable[[TaskSpec], bool]) -> str:

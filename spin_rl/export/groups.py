@@ -13,7 +13,7 @@ from spin_rl import robot
 from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import FLOAT32, UINT8, Camera, Group, Term
 from spin_rl.deploy.observations import CLOSE_PER_M, NEAR_PER_M
-from spin_rl.models.groups import HAND_IN_IMAGE, OBJECT, OBJECT_AT_START, is_depth
+from spin_rl.groups import HAND_IN_IMAGE, OBJECT, OBJECT_AT_START, is_depth
 from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import MOST_OUTSIDE
 from spin_rl.tasks.common.proprioception import PROPRIO

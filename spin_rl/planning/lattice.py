@@ -102,6 +102,8 @@ class _Grid:
             corners += [scene.pos[slot, :2] - reach, scene.pos[slot, :2] + reach]
         before = np.ceil((scene.start[:2] - np.min(corners, axis=0)) / resolution).astype(int)
         after = np.ceil((np.max(corners, axis=0) - scene.start[:2]) / resolution).astype(int)
+        # Start and goal may be nearly aligned on an open floor; `_between` needs points for the longest step.
+        after = np.maximum(after, np.abs(_STEPS).max() - 1 - before)
         x, y = (scene.start[i] + resolution * np.arange(-before[i], after[i] + 1) for i in range(2))
         return _Grid(x=x, y=y, start=(int(before[1]), int(before[0])))
 

@@ -16,6 +16,10 @@ NUM_JOINTS = 8
 """Joints of a start pose, in the order of `spin_rl.robot.JOINTS`."""
 
 
+MOST_SLOTS = 1000
+"""Of a kind: physics has memory for every slot of every world."""
+
+
 @dataclass(frozen=True)
 class PoolSpec:
     """The scene geoms that every world owns; slots are ordered walls, boxes, cylinders.
@@ -33,8 +37,10 @@ class PoolSpec:
     def __post_init__(self) -> None:
         """Reject counts that no pool can have."""
         for name in ("num_walls", "num_boxes", "num_cylinders"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"pool.{name} must not be negative, got {getattr(self, name)}")
+            if not 0 <= getattr(self, name) <= MOST_SLOTS:
+                raise ValueError(
+                    f"pool.{name} must not be negative nor above {MOST_SLOTS}, got {getattr(self, name)}"
+                )
         if self.num_slots == 0:
             raise ValueError("a pool needs at least one slot")
 
@@ -83,7 +89,7 @@ class Scene:
         motion_phase: Where in its period the latter starts, in [0, 1), 0 at the far end of `retreat`, shape
             (nslot,).
         bend: 0 straight, 1 L-shaped.
-        scenario: 1 or 2, the paper's scenarios.
+        scenario: 1 or 2, the paper's scenarios; 0 where it is none of them.
         difficulty: 0 easy, 1 medium, 2 hard.
         num_obstacles: Obstacles between start and goal; distractors do not count.
         family: Kind of place, an index of `kinds.FAMILIES`.
@@ -161,7 +167,7 @@ class Layout:
         start_joints: Joint positions in `spin_rl.robot.JOINTS` order [m or rad], shape (nworld, 8).
         goal: Where the base should go [m], shape (nworld,), vec2.
         bend: 0 straight, 1 L-shaped, shape (nworld,), int32.
-        scenario: 1 or 2, the paper's scenarios, shape (nworld,), int32.
+        scenario: 1 or 2, the paper's scenarios, 0 where it is none of them, shape (nworld,), int32.
         difficulty: 0 easy, 1 medium, 2 hard, shape (nworld,), int32.
         num_obstacles: Obstacles between start and goal; distractors do not count, shape (nworld,), int32.
         family: Kind of place, an index of `kinds.FAMILIES`, shape (nworld,), int32.

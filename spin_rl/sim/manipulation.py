@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import mujoco_warp as mjw
@@ -14,19 +14,8 @@ from spin_rl import robot
 from spin_rl.scenes.objects.model import ObjectIds, ObjectModel, ObjectStart, write_objects
 from spin_rl.scenes.objects.shapes import OBJECT_BODY, OBJECTS, SceneObject
 from spin_rl.sim.object_start import place_objects
-from spin_rl.sim.targets import IncrementConfig, make_increments
+from spin_rl.sim.targets import ManipulationConfig, make_increments
 from spin_rl.warp_kernels import grasp
-
-
-@dataclass(frozen=True)
-class ManipulationConfig:
-    """A simulation with the grasping robot and an object.
-
-    Attributes:
-        increments: How actions move the joint targets.
-    """
-
-    increments: IncrementConfig = field(default_factory=IncrementConfig)
 
 
 @dataclass

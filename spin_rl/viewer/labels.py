@@ -10,10 +10,10 @@ from spin_rl.viewer.snapshot import Snapshot, Target
 
 
 def cell_label(snapshot: Snapshot) -> str:
-    """Name what is played: the kind of corridor, the object, or both."""
+    """Name what is played: the kind of corridor of the paper, the object, both, or nothing."""
     scene, target = snapshot.scene, snapshot.target
     names = []
-    if snapshot.scandots is not None:
+    if snapshot.scandots is not None and scene.scenario:
         names.append(f"scenario {scene.scenario}, {DIFFICULTIES[scene.difficulty]}")
     if target is not None:
         names.append(target.what.kind)

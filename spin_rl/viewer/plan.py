@@ -6,6 +6,7 @@ import numpy as np
 from PIL import Image
 
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.outline import UNIT_CIRCLE, outline
 from spin_rl.viewer import style
 from spin_rl.viewer.overlay import FRUSTUM_LENGTH_M, FRUSTUM_SIDES, Canvas
 from spin_rl.viewer.snapshot import Snapshot
@@ -13,8 +14,6 @@ from spin_rl.viewer.stage import Stage
 
 _MARGIN_M = 0.35
 _NEAR_M = 0.8
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-_ROUND = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), -1)
 _GOAL_RADIUS_M = 0.15
 
 
@@ -35,7 +34,7 @@ class Plan:
         self._slots = [
             (slot, colour) for slot, colour in enumerate(style.slot_colours(scene)) if scene.active[slot]
         ]
-        walls = [footprint(scene, slot) for slot, _ in self._slots if whole and scene.is_wall[slot]]
+        walls = [outline(scene, slot) for slot, _ in self._slots if whole and scene.is_wall[slot]]
         points = np.concatenate([*walls, scene.start[None, :2], scene.goal[None]])
         margin = _MARGIN_M if whole else _NEAR_M
         low, high = points.min(0) - margin, points.max(0) + margin
@@ -57,12 +56,12 @@ class Plan:
         canvas = Canvas(*self._size)
         scale = self._scale
         if snapshot.stage is not None:  # a start to come back to
-            ring = self._scene.start[:2] + _GOAL_RADIUS_M * np.concatenate((_ROUND, _ROUND[:1]))
+            ring = self._scene.start[:2] + _GOAL_RADIUS_M * np.concatenate((UNIT_CIRCLE, UNIT_CIRCLE[:1]))
             canvas.line(self.pixels(ring), style.GOAL)
         if snapshot.scandots is not None:  # a goal to drive to
-            canvas.polygon(self.pixels(snapshot.scene.goal + _GOAL_RADIUS_M * _ROUND), style.GOAL)
+            canvas.polygon(self.pixels(snapshot.scene.goal + _GOAL_RADIUS_M * UNIT_CIRCLE), style.GOAL)
         for slot, colour in self._slots:
-            shape = footprint(snapshot.scene, slot)  # where it is now
+            shape = outline(snapshot.scene, slot)  # where it is now
             canvas.polygon(self.pixels(shape), colour, alpha=255 if self._scene.is_wall[slot] else 210)
         frustum = stage.depth_camera().frustum(FRUSTUM_LENGTH_M)
         canvas.polygons(self.pixels(frustum)[FRUSTUM_SIDES], style.FRUSTUM, alpha=110)
@@ -85,13 +84,3 @@ class Plan:
         arm = [stage.data.body(name).xpos for name in ("lift", "arm_inner", "wrist_yaw")]
         arm.append(stage.data.site("link_grasp_center").xpos)
         canvas.line(self.pixels(np.array(arm)), (120, 124, 132), width=max(1.5, 0.05 * self._scale))
-
-
-def footprint(scene: Scene, slot: int) -> np.ndarray:
-    """Corners of a slot seen from above [m], counter-clockwise, shape (n, 2)."""
-    half = scene.half_size[slot, :2]
-    local = (
-        _ROUND * half if scene.is_cylinder[slot] else np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half
-    )
-    cos, sin = np.cos(scene.yaw[slot]), np.sin(scene.yaw[slot])
-    return scene.pos[slot, :2] + local @ np.array([[cos, sin], [-sin, cos]])

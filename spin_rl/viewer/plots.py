@@ -16,8 +16,8 @@ import numpy as np
 from spin_rl.extras import require
 from spin_rl.scenes import kinds
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.outline import outline
 from spin_rl.viewer import style
-from spin_rl.viewer.plan import footprint
 from spin_rl.viewer.snapshot import Snapshot
 
 _FAR_M = 2.0
@@ -87,7 +87,7 @@ def nearest(scene: Scene, points: np.ndarray, levels: Sequence[str]) -> np.ndarr
     result = np.full(len(points), np.inf)
     for slot, level in enumerate(kinds.levels(scene)):
         if scene.active[slot] and not scene.is_wall[slot] and level in levels:
-            result = np.minimum(result, _distance(footprint(scene, slot), points))
+            result = np.minimum(result, _distance(outline(scene, slot), points))
     return result
 
 

@@ -1,5 +1,6 @@
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,21 +13,25 @@ from spin_rl.analysis.failures import (
 from spin_rl.analysis.failures import (
     report as failures_report,
 )
-from spin_rl.analysis.failures import (
-    watch as failure_watch,
-)
-from spin_rl.analysis.failures.watch import HITS, FailureWatch, kind_of, motion_of, place_of
-from spin_rl.analysis.hits import FLOOR
+from spin_rl.analysis.failures.failure import Failure, scene_of
+from spin_rl.analysis.failures.names import OBSTACLES
+from spin_rl.analysis.failures.watch import FailureWatch
+from spin_rl.benchmark import registry, scenes
 from spin_rl.benchmark.reach import Cell, run_cells
 from spin_rl.benchmark.replay import benchmark_scene
 from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
+from spin_rl.paths import CONF_DIR
+from spin_rl.planning.solvability import scene_params
+from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import PoolSpec, Scene
+from spin_rl.scenes.scene_file import load_scene
 from spin_rl.tasks.common.config import CurriculumConfig
 from spin_rl.tasks.nav.config import NavConfig
 
 BLIND = (-3.14, 0.79)
 AHEAD = (0.0, -0.6)
+REACH, ROOMS, SCENES = (registry.find(name, "nav") for name in ("reach", "rooms", "scenes"))
 BENCHMARK = NavConfig(episode_s=1.5, curriculum=CurriculumConfig(enabled=False, start=1.0))
 
 
@@ -82,7 +87,10 @@ def test_a_collision_is_described(make_nav_env, camera, seen):
     assert failure.to_go_m == pytest.approx(4.0 - failure.travelled_m, abs=2e-3)
     assert failure.seen in seen and (failure.unseen_s is None) == (failure.seen == "never")
     assert "front" in failures_report._by_side([failure, other])[1]
-    rebuilt = failure_watch.scene_of(failure)
+    # No wall has a way around it here: the way left is the straight line.
+    assert (failure.way_m, failure.left_m) == pytest.approx((4.0, failure.to_go_m), abs=2e-3)
+    assert failure.late_m == failure.travelled_m and failure.manner == "drove"
+    rebuilt = scene_of(failure)
     np.testing.assert_allclose(rebuilt.pos[rebuilt.active], [[0.8, 0.0, 0.1]], atol=1e-4)
 
 
@@ -97,48 +105,73 @@ def test_a_timeout_has_no_hit(make_nav_env):
     assert failure.outcome == "timeout" and failure.time_s == pytest.approx(1.0)
     assert failure.parts == [] and failure.slot is None and failure.seen is None
     assert failure.motion == "turning" and failure.turn_rad_s == pytest.approx(0.6, abs=0.05)
+    assert failure.late_m < 0.05 and 0.4 < failure.late_turn_rad < 0.6 and failure.manner == "stood"
 
 
-@pytest.mark.parametrize(
-    ("forward", "turn", "expected"),
-    [(0.3, 0.0, "forward"), (-0.08, 1.0, "backward"), (0.01, -0.5, "turning"), (-0.01, 0.05, "still")],
-)
-def test_motion(forward, turn, expected):
-    assert motion_of(forward, turn) == expected
-    for yaw in (0.0, 2.0):
-        qvel = np.array([forward * np.cos(yaw), forward * np.sin(yaw), turn])
-        assert failure_watch.base_velocity(np.array([5.0, 6.0, yaw]), qvel) == pytest.approx((forward, turn))
+def quick(**changes) -> NavConfig:
+    """Episodes of three seconds."""
+    return NavConfig(slack_s=3.0, slowness=0.01, curriculum=BENCHMARK.curriculum, **changes)
 
 
-def test_kinds_and_places_of_generated_corridors(nav_env):
-    nav_env.set_cells([1, 1, 1, 1, 2, 2, 2, 2], [0, 1, 2, 2, 0, 1, 2, 2])
-    nav_env.reset()
-    found = set()
-    for scene in nav_env.sim.layout.scenes():
-        kinds = {int(slot): kind_of(scene, slot) for slot in np.flatnonzero(scene.active)}
-        assert sum(kind in HITS.values() for kind in kinds.values()) == scene.num_obstacles
-        assert "distractor" in kinds.values()
-        found |= set(kinds.values())
-        half_width = abs(scene.pos[1, 1]) - scene.half_size[1, 1]
-        for slot, kind in kinds.items():
-            place = place_of(scene, scene.pos[slot, :2])
-            if kind in HITS.values():
-                assert place != "in corner" and (place == "straight") == (scene.bend == 0)
-            if kind == "distractor":
-                assert abs(scene.pos[slot, 1]) > half_width
-        if scene.bend:
-            assert place_of(scene, scene.goal) == "behind corner"
-            assert place_of(scene, np.array([scene.goal[0], 0.0])) == "in corner"
-            assert place_of(scene, scene.start) == "before corner"
-    assert {"low", "head-height", "wall", "distractor"} <= found
-    assert kind_of(scene, FLOOR) == "floor"
+def assert_same_places(scene, failure):
+    """What stands still is where it was in a failure, and so is the goal."""
+    seen, still = scene_of(failure), scene.active & (scene.motion_speed == 0.0)
+    for name in ("pos", "yaw", "half_size"):
+        np.testing.assert_allclose(getattr(seen, name)[still], getattr(scene, name)[still], atol=1e-4)
+    assert seen.active.tolist() == scene.active.tolist()
+    np.testing.assert_allclose(scene.goal, failure.goal, atol=1e-4)
+
+
+def test_families_of_places(device):
+    cfg = quick(scene=scene_params("mixture"))
+    result = failures.analyse_failures(
+        ROOMS, make_driver, cfg, 2, [4], device, overrides=["scene=mixture"], report=lambda line: None
+    )
+    found = failures.failures_of(json.loads(json.dumps(result, allow_nan=False)))
+    assert len(result["durations_s"]) == result["num_envs"] == 12
+    kinds = {hit for failure in found for hit in failure.hits}
+    assert kinds and kinds <= {*OBSTACLES, "wall", "floor", "distractor"}
+    for failure in found:
+        assert failure.condition == FAMILIES[failure.world % 6] == result["rows"][failure.world % 6]["family"]
+        assert failure.place is None or failure.condition == "corridor"
+        # A way counts more than its length near obstacles.
+        assert 0.0 < failure.left_m <= failure.way_m + 3.0 * failure.travelled_m + 0.5
+    last = max((f for f in found if f.condition in ("room", "doorway", "crossing")), key=lambda f: f.world)
+    entry = result["failures"][found.index(last)]
+    assert entry["play"] == f"family={last.condition} seed=4 world={last.world} scene=mixture"
+    assert_same_places(benchmark_scene(cfg, last.condition, 4, last.world, device), last)
+    text = failures_report.table(result)
+    assert text.startswith("Failures: policy, 2 episodes per family (seeds 4)")
+    assert any(line.startswith("crossing ") for line in text.splitlines()) and "free width" in text
+
+
+def test_trips_and_a_scene_file(monkeypatch, device):
+    names = ("corridor", "playroom")
+    files = {name: load_scene(CONF_DIR / "scenes_examples" / f"{name}.yaml") for name in names}
+    monkeypatch.setattr(scenes, "example_scenes", lambda: files)
+    silent = {"report": lambda line: None}
+    result = failures.analyse_failures(SCENES, make_driver, quick(), 2, [1], device, **silent)
+    found = failures.failures_of(result)
+    assert len(result["durations_s"]) == 4
+    for failure, entry in zip(found, result["failures"], strict=True):
+        name, trip = names[failure.world % 2], failure.world // 2
+        assert failure.condition == name and failure.place is None and "distractor" not in failure.hits
+        assert entry["play"] == f"scene={name}.yaml starts=2 trip={trip} seed=1"
+    scene = scenes.trips_through(files[found[-1].condition], 2, quick(), 1)[found[-1].world // 2]
+    np.testing.assert_allclose(scene.goal, found[-1].goal, atol=1e-4)
+
+    alone = {"scene": files["corridor"], "scene_file": Path("mine/corridor.yaml")} | silent
+    result = failures.analyse_failures(REACH, make_driver, BENCHMARK, 1, [0], device, **alone)
+    (entry,) = result["failures"]
+    assert (entry["condition"], entry["play"]) == ("corridor.yaml", "scene=mine/corridor.yaml")
+    assert "per cell" in failures_report.table(result)
 
 
 @pytest.fixture(scope="module")
 def analysis(device):
     lines = []
     result = failures.analyse_failures(
-        make_driver, BENCHMARK, episodes=2, seeds=[3, 5], device=device,
+        REACH, make_driver, BENCHMARK, episodes=2, seeds=[3, 5], device=device,
         policy_name="driver", overrides=["robot=re1"], report=lines.append,
     )  # fmt: skip
     return json.loads(json.dumps(result, allow_nan=False)), lines
@@ -150,7 +183,7 @@ def test_every_failure_is_listed_once(analysis):
     assert sum(row["episodes"] for row in result["rows"]) == len(result["durations_s"]) == 24
     assert len({(f.seed, f.world) for f in entries}) == len(entries) == 24  # nothing reaches a goal in 1.5 s
     for row in result["rows"]:
-        mine = [f for f in entries if (f.scenario, f.difficulty) == (row["scenario"], row["difficulty"])]
+        mine = [f for f in entries if f.condition == f"{row['scenario']} {row['difficulty']}"]
         assert len(mine) == row["episodes"] == 4
         collisions = [f for f in mine if f.outcome == "collision"]
         assert len(collisions) / 4 == row["collision_rate"] and all(f.parts for f in collisions)
@@ -162,19 +195,12 @@ def test_a_replay_has_the_same_corridor(analysis, device):
     failure = failures.failures_of(analysis[0])[-1]
     assert failure.seed == 5 and failure.world < 11
     entry = analysis[0]["failures"][-1]
-    assert entry["play"].startswith(
-        f"scenario={failure.scenario} difficulty={failure.difficulty} seed=5 world="
-    )
+    scenario, difficulty = failure.condition.split()
+    assert entry["play"].startswith(f"scenario={scenario} difficulty={difficulty} seed=5 world=")
     assert entry["play"].endswith(" robot=re1")
-    cell = Cell(failure.scenario, failure.difficulty)
+    cell = Cell(int(scenario), difficulty)
     scene = benchmark_scene(BENCHMARK, cell, failure.seed, failure.world, device)
-    seen = failure_watch.scene_of(failure)
-    for name in ("active", "pos", "yaw", "half_size"):
-        values = getattr(scene, name)
-        np.testing.assert_allclose(
-            getattr(seen, name)[scene.active], values[scene.active], atol=1e-4, err_msg=name
-        )
-    np.testing.assert_allclose(scene.goal, failure.goal, atol=1e-4)
+    assert_same_places(scene, failure)
 
 
 def test_report(analysis, tmp_path):
@@ -195,9 +221,9 @@ def test_report(analysis, tmp_path):
 
 def test_rates_are_of_those_who_were_at_risk():
     def entry(**values):
-        quiet = {name: None for name in failure_watch.Failure.__dataclass_fields__}
+        quiet = {name: None for name in Failure.__dataclass_fields__}
         known = {"outcome": "collision", "parts": ["base"], "hits": ["low"], "time_s": 0.5, "unseen_s": 0.0}
-        return failure_watch.Failure(**quiet | known | values)
+        return Failure(**quiet | known | values)
 
     some = [
         entry(),
@@ -226,6 +252,17 @@ def test_rates_are_of_those_who_were_at_risk():
     assert sum(line.startswith("base     low") and " 3 " in line for line in contacts) == 1
     assert failures_report._by_contact([], 50) == [] and failures_report._by_motion([]) == []
 
+    narrow = [entry(width_m=width) for width in (0.3, 0.36, 0.37, 2.0, None)]
+    by_width = rows(failures_report._by_width([*narrow, entry(width_m=0.9, outcome="timeout", parts=[])]))
+    assert by_width["0 to 0.36 m"] == ("2", "33.3%") and by_width["0.36 to 0.55 m"] == ("1", "16.7%")
+    assert by_width["0.55 to 1 m"] == ("1", "16.7%") and by_width["over 1 m"] == ("2", "33.3%")
+    ends = {"to_go_m": 1.0, "late_m": 2.0, "late_turn_rad": -6.3, "way_m": 8.0, "outcome": "timeout"}
+    late = [entry(manner="circled", left_m=left, **ends) for left in (2.0, 4.0, 5.0)]
+    (line,) = [line for line in failures_report._timeouts([*some[:2], *late]) if line.startswith("circled")]
+    assert [cell.strip() for cell in line.split("  ") if cell][1:3] == ["3", "100.0%"]
+    assert [cell.strip() for cell in line.split("  ") if cell][4:] == ["50%", "1.0 m", "2.0 m", "1.0"]
+    assert failures_report._timeouts(some[:2]) == [] and failures_report._by_place(some) == []
+
 
 @pytest.mark.parametrize(
     ("episodes", "seeds", "num_envs", "key"),
@@ -233,13 +270,16 @@ def test_rates_are_of_those_who_were_at_risk():
 )
 def test_impossible_settings_name_the_key(episodes, seeds, num_envs, key):
     with pytest.raises(ConfigError, match=f"^{key}"):
-        failures.analyse_failures(make_driver, BENCHMARK, episodes, seeds, "cpu", num_envs=num_envs)
+        failures.analyse_failures(REACH, make_driver, BENCHMARK, episodes, seeds, "cpu", num_envs=num_envs)
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["scene=room.yaml"], "scene: an analysis runs"),
+        (
+            ["benchmark=pick"],
+            "analysis: failures needs benchmark=reach or benchmark=rooms or benchmark=scenes",
+        ),
         (["plot=a.txt"], "plot: expected a .png"),
         (["num_envs=4"], "num_envs: all 600 episodes"),
     ],

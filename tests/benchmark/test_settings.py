@@ -108,6 +108,9 @@ def test_a_fetch_has_the_robot_of_both_policies_and_what_each_sees():
     assert task.robot_profile == "re1" and task.camera_mount == "landscape" and task.depth is None
     assert task.scandots.window_m == 3.0 and not task.scandots.occlusion
     assert task.sight.far_m == 2.0 and task.manipulation.increments.forward_speed == 0.11
+    far = settings.of_fetch(TRAINED | {"task": TRAINED["task"] | {"goal_range_m": 4.0}}, PICK_TRAINED)
+    far = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), far, ["task=fetch"]))
+    assert task.goal_range_m is None and far.goal_range_m == 4.0
     # The rest is the benchmark's.
     assert task.hold_s == 1.0 and set(vars(task.noise).values()) == {0.0} and task.episode_s == 300.0
 

@@ -6,7 +6,7 @@ import pytest
 
 from spin_rl import robot
 from spin_rl.planning.collision import blocked_poses
-from spin_rl.planning.lattice import GOAL_TOLERANCE_M, HEADINGS_RAD, find_path
+from spin_rl.planning.lattice import GOAL_TOLERANCE_M, HEADINGS_RAD, find_path, reachable
 from spin_rl.planning.solvability import CELLS, generate_scenes, is_solvable
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
@@ -34,6 +34,17 @@ def test_an_empty_corridor_has_a_way_to_the_goal():
     assert path is not None
     assert path.poses[0, :2] == pytest.approx([0.0, 0.0])
     assert np.hypot(*(path.poses[-1, :2] - (3.0, 0.0))) <= GOAL_TOLERANCE_M
+
+
+@pytest.mark.parametrize(
+    ("goal", "resolution"), [((3.0, 0.05), 0.04), ((0.05, -3.0), 0.04), ((3.0, 0.05), 0.08)]
+)
+def test_on_an_open_floor_start_and_goal_may_be_nearly_aligned(goal, resolution):
+    scene = Scene.empty(PoolSpec())
+    scene.goal[:] = goal
+    path = find_path(scene)
+    assert path is not None and np.hypot(*(path.poses[-1, :2] - goal)) <= GOAL_TOLERANCE_M
+    assert reachable(scene, scene.goal[None], resolution).all()
 
 
 @pytest.mark.parametrize(

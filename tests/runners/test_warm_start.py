@@ -84,6 +84,21 @@ FLAT, ALL, SEEN = ["proprio", "goal"], ["scandots_all"], ["scandots"]
             id="all to visible, concatenated",
         ),
         pytest.param(
+            ("recurrent", FLAT + ALL, {"scandot_latent": 5, "skip": True}),
+            ("recurrent", FLAT + SEEN, {"scandot_latent": 9, "skip": True}),
+            id="a wider latent",
+        ),
+        pytest.param(
+            ("recurrent", FLAT + SEEN, {"scandot_latent": 5, "encoder": "concat"}),
+            ("recurrent", FLAT + SEEN, {"scandot_latent": 9, "encoder": "concat"}),
+            id="a wider latent, concatenated",
+        ),
+        pytest.param(
+            ("recurrent", FLAT + ALL, {"encoder_hidden": (6, 10)}),
+            ("recurrent", FLAT + SEEN, {"encoder_hidden": (7, 15), "scandot_latent": 20}),
+            id="a wider encoder",
+        ),
+        pytest.param(
             ("feed_forward", FLAT + ALL, {}),
             ("recurrent", FLAT + SEEN, {"skip": True}),
             id="feed-forward to recurrent",
@@ -126,6 +141,16 @@ def test_the_same_is_done_where_the_same_is_seen(source, target):
         with torch.no_grad():
             sequence = new(obs, hidden_state=(zeros, zeros), resets=resets)
         torch.testing.assert_close(sequence, act(model, obs), atol=1e-5, rtol=1e-5)
+
+
+def test_what_a_wider_latent_has_more_is_learned_from_the_first_step_on():
+    obs = make_obs()
+    model = trained(make_model("feed_forward", FLAT + SEEN, 1, scandot_latent=5), obs)
+    new = make_model("feed_forward", FLAT + SEEN, 2, scandot_latent=9)
+    copy_model(new, model, Camera())
+    new(obs).square().mean().backward()
+    latent = new.blocks["scandots"]
+    assert (new.mlp[0].weight.grad[:, latent.start + 5 : latent.stop].abs() > 0).any()
 
 
 def test_new_columns_of_a_group_do_not_count_until_they_are_learned():
@@ -308,9 +333,14 @@ def test_an_unlearned_camera_starts_still_and_without_effect():
             r"'ELU'.*'Tanh'",
         ),
         (
-            ("recurrent", FLAT + SEEN, {"encoder_hidden": (3,)}),
             ("recurrent", FLAT + SEEN, {}),
+            ("recurrent", FLAT + SEEN, {"encoder_hidden": (3,)}),
             "its encoder of scandots is",
+        ),
+        (
+            ("recurrent", FLAT + SEEN, {"scandot_latent": 9}),
+            ("recurrent", FLAT + SEEN, {"scandot_latent": 5}),
+            r"its encoder of scandots is .* 9\], the new one's is .* 5\]",
         ),
         (
             ("recurrent", FLAT + SEEN, {}),

@@ -21,14 +21,15 @@ from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.layout import Layout, PoolSpec
+from spin_rl.scenes.rooms.arrange import CLOSE
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import (
     BLOCKED_M,
     HALF_SQUARE_M,
-    CrossingParams,
     FamilyParams,
     RoomParams,
     Shares,
+    WalkerParams,
     scene_class,
 )
 
@@ -85,14 +86,18 @@ def test_counts_are_within_their_ranges(family):
     count = got["num_obstacles"]
     if name == "field":
         # As many as drawn, less those that no place was found for.
-        assert count.max() <= PARAMS.field.things[1] and count.min() >= PARAMS.field.things[0] - 2
+        assert count.max() <= PARAMS.field.things[1] + 1 and count.min() >= PARAMS.field.things[0] - 2
         assert (got["active"].sum(axis=1) == count).all()
     elif name == "open":
         assert (count == 0).all() and not got["active"].any()
     else:
         assert count.min() <= 1 and count.max() >= 8
         assert (got["active"].sum(axis=1) - walls >= count).all()
-    assert (got["bend"] == 0).all()
+    paper = got["scenario"] > 0
+    assert (got["bend"][~paper] == 0).all()
+    assert set(got["scenario"][paper]) == ({1, 2} if name == "corridor" else set())
+    if name == "corridor":
+        assert abs(paper.mean() - PARAMS.corridor.paper_share) < 4 * np.sqrt(0.25 / len(paper))
 
 
 def test_the_start_is_clear_for_mujoco_and_can_reach_the_goal(family):
@@ -146,27 +151,38 @@ def _gap(scene, a, b):
     return spatial.cdist(*outline).min()
 
 
-def test_things_in_a_field_leave_gaps(device):
-    layout = generate(6, device, only("field"), seed=2)
+@pytest.mark.parametrize("close_share", [0.0, PARAMS.close_share])
+def test_things_in_a_field_leave_gaps_or_stand_close(device, close_share):
+    layout = generate(6, device, only("field", close_share=close_share), seed=2)
+    close = 0
     for scene in layout.scenes():
         slots = np.flatnonzero(scene.active)
         for i, a in enumerate(slots):
             for b in slots[:i]:
                 away = np.hypot(*(scene.pos[a, :2] - scene.pos[b, :2]))
-                if away < 2.0:
-                    assert _gap(scene, a, b) >= PARAMS.gap - 1e-3
+                gap = _gap(scene, a, b) if away < 2.0 else np.inf
+                if gap < PARAMS.gap - 1e-3:
+                    # Near are rectangles along either's axes: it is farther from corner to corner, and what
+                    # is round does not reach into its rectangle's corners.
+                    radii = scene.half_size[[a, b], 0] @ scene.is_cylinder[[a, b]]
+                    assert gap <= np.sqrt(2.0) * CLOSE + (np.sqrt(2.0) - 1.0) * radii + 1e-3
+                    close += 1
+    assert (close > 0) == (close_share > 0.0)
 
 
 @pytest.mark.parametrize("name", ["room", "doorway", "field", "crossing"])
 def test_no_gap_is_too_narrow_for_the_robot_and_leads_somewhere(name, device):
-    """Floor that something 0.24 m wide could come to from where the robot fits, the robot can come to."""
+    """Floor that something 0.24 m wide could come to from where the robot fits, the robot can come to.
+
+    That is so where nothing stands close to other things on purpose.
+    """
     grid = np.arange(-HALF_SQUARE_M, HALF_SQUARE_M, 0.05)
-    for scene in generate(12, device, only(name), seed=8).scenes():
+    for scene in generate(12, device, only(name, close_share=0.0), seed=8).scenes():
         away = distances(scene, grid[None, :], grid[:, None])
         if name == "crossing":  # movers may stand in openings: the hall counts
             away[np.abs(grid) > abs(scene.pos[4, 1]) - scene.half_size[4, 1] - 0.27] = 0.0
         narrow, _ = ndimage.label(away > 0.12)
-        wide, count = ndimage.label(away > 0.27)
+        wide, count = ndimage.label(away > 0.5 * PARAMS.gap - 0.05)
         assert count >= 1
         within = {region: set(wide[(narrow == region) & (wide > 0)]) for region in range(1, narrow.max() + 1)}
         assert all(len(regions) <= 1 for regions in within.values())
@@ -228,11 +244,40 @@ def test_movers_start_hidden_and_leave_room_where_they_reach_farthest(device):
     assert min(speeds) >= PARAMS.crossing.speed[0] and max(speeds) <= PARAMS.crossing.speed[1]
 
 
-def test_only_crossings_move(mixed):
+def test_what_moves_is_in_crossings_or_walks(mixed):
     moving = (mixed.motion_speed.numpy() > 0.0).any(axis=1)
-    assert moving.any() and (mixed.family.numpy()[moving] == FAMILIES.index("crossing")).all()
-    assert PARAMS.moves and not only("room").moves
-    assert not only("crossing", crossing=CrossingParams(mover_share=0.0)).moves
+    families = {FAMILIES[i] for i in mixed.family.numpy()[moving]}
+    assert families <= {"room", "doorway", "field", "crossing"} and len(families) >= 3
+    shares = dataclasses.replace(PARAMS.shares, crossing=0.0)
+    still = dataclasses.replace(PARAMS, walker=WalkerParams(share=0.0), shares=shares)
+    assert PARAMS.moves and not still.moves
+
+
+@pytest.mark.parametrize("name", ["room", "doorway", "field"])
+def test_who_walks_runs_into_nothing_and_can_be_passed(name, device):
+    params = only(name, walker=WalkerParams(share=1.0), close_share=0.0)
+    walkers = 0
+    for scene in generate(40, device, params, seed=6).scenes():
+        (slots,) = np.nonzero(scene.active & (scene.motion_speed > 0.0))
+        assert len(slots) <= 1
+        for slot in slots:
+            walkers += 1
+            home = scene.pos[slot, :2].copy()
+            assert params.walker.way[0] <= np.hypot(*scene.retreat[slot]) <= params.walker.way[1]
+            assert 1.5 <= 2 * scene.half_size[slot, 2] <= 1.8 and scene.motion_trigger[slot] == 0.0
+            others = [
+                s for s in np.flatnonzero(scene.active)
+                if s != slot and scene.pos[s, 2] - scene.half_size[s, 2] < 1.45
+            ]  # fmt: skip
+            # At home there is room to pass, or none at all between it and a wall.
+            for end, least in ((home, params.gap), (home + scene.retreat[slot], 0.05)):
+                scene.pos[slot, :2] = end
+                for other in others:
+                    gap = _gap(scene, slot, other)
+                    assert gap >= least - 2e-3 or (scene.is_wall[other] and gap < 0.03)
+                    inside = np.abs(end - scene.pos[other, :2]) < scene.half_size[other, :2]
+                    assert not (scene.is_wall[other] and inside.all())
+    assert walkers > 20  # some rooms are too full
 
 
 def test_goals_behind_doorways_are_mostly_out_of_sight(device):

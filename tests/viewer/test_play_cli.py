@@ -19,8 +19,9 @@ from spin_rl.viewer.native import draw_scandots, pose
         (["policy=zero", "scenario=3"], "scenario: unknown 3; choose from 1, 2"),
         (
             ["policy=zero", "difficulty=brutal"],
-            "difficulty: unknown 'brutal'; choose from easy, medium, hard",
+            "difficulty: unknown 'brutal'; choose from any, easy, medium, hard",
         ),
+        (["policy=zero", "difficulty=any"], "difficulty: unknown 'any'; choose from easy, medium, hard"),
         (["policy=zero", "episodes=0"], "episodes: expected a whole number"),
         (["policy=zero", "viewer=holo"], "viewer: unknown 'holo'; choose from viser, native, none"),
         (["policy=zero", "viewer=native"], "viewer: native needs a display"),
@@ -31,6 +32,12 @@ from spin_rl.viewer.native import draw_scandots, pose
         (["policy=zero", "world=-1"], "world: expected a whole number from 0 to 19999 or null, got -1"),
         (["policy=zero", "world=3", "scene=lab.yaml"], "world: a scene file is the same in every world"),
         (["policy=zero", "task=pick", "world=3"], "world: 3 needs a policy of task=nav"),
+        (["policy=zero", "scene=room", "world=3"], "world: 3 of scene families needs family="),
+        (["policy=zero", "family=room", "world=3"], "family: room needs world= and scene=mixture"),
+        (["policy=zero", "family=lawn"], "family: unknown 'lawn'; choose from corridor, room"),
+        (["policy=zero", "scene=lab.yaml", "starts=3"], "trip: needs starts="),
+        (["policy=zero", "starts=3", "trip=1"], "trip: 1 needs a scene file"),
+        (["policy=zero", "scene=lab.yaml", "starts=3", "trip=3"], "trip: 3 is none of 3"),
         (["policy=nav-cvo", "task=pick", "viewer=none"], "policy: nav-cvo was trained with task=nav"),
         (["policy=zero", "pick=pick-teacher", "viewer=none"], "pick: pick-teacher needs task=fetch"),
         (["policy=zero", "task=fetch", "pick=7"], "pick: expected a name, checkpoint"),
@@ -74,6 +81,21 @@ def test_plots_end_to_end(device, tmp_path):
     assert "episode 2: timeout after 0.5 s" in done.stdout
     assert "warning: depth: depth=d435i changes nothing, since this policy reads no images\n" in done.stderr
     assert sorted(file.name for file in folder.iterdir()) == ["episode_001.png", "episode_002.png"]
+
+
+@pytest.mark.parametrize(
+    "again",
+    [["scene=mixture", "family=open", "world=1"], ["scene=corridor.yaml", "starts=2", "trip=1"]],
+    ids=["a world of a family", "a trip"],
+)
+def test_an_episode_of_a_benchmark_has_its_own_time_limit(monkeypatch, capfd, device, again):
+    quick = ["policy=zero", "viewer=none", "task.slack_s=0.3", "task.slowness=0.01", f"device={device}"]
+    monkeypatch.setattr(sys, "argv", ["spin-play", *quick, *again])
+    play.main()
+    lines = capfd.readouterr().out.splitlines()
+    (line,) = [line for line in lines if "episode 1: timeout after 0." in line]
+    assert "scenario" not in line and not line.endswith(", ")
+    assert lines[-1].startswith("0 of 1 episodes reached the goal")
 
 
 def test_native_window_gets_a_mark_per_scandot_and_the_goal():

@@ -9,8 +9,9 @@ from spin_rl import robot
 from spin_rl.scenes import kinds
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.objects.shapes import OBJECT_GEOMS, OBJECTS
+from spin_rl.scenes.outline import outline
 from spin_rl.viewer import style
-from spin_rl.viewer.plan import Plan, footprint
+from spin_rl.viewer.plan import Plan
 from spin_rl.viewer.stage import Stage
 
 
@@ -88,14 +89,14 @@ def test_levels_of_obstacles():
     assert style.slot_colours(SCENE)[0] == style.WALL
 
 
-def test_footprint_is_turned_by_the_yaw():
-    corners = footprint(SCENE, POOL.first_box)
+def test_outline_is_turned_by_the_yaw():
+    corners = outline(SCENE, POOL.first_box)
     half, yaw = SCENE.half_size[POOL.first_box], 0.3
     expected = SCENE.pos[POOL.first_box, :2] + (
         half[0] * np.cos(yaw) - half[1] * np.sin(yaw), half[0] * np.sin(yaw) + half[1] * np.cos(yaw)
     )  # fmt: skip
     np.testing.assert_allclose(corners[2], expected)
-    circle = footprint(SCENE, POOL.first_cylinder) - SCENE.pos[POOL.first_cylinder, :2]
+    circle = outline(SCENE, POOL.first_cylinder) - SCENE.pos[POOL.first_cylinder, :2]
     np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 0.1)
 
 

@@ -16,8 +16,7 @@ from spin_rl.analysis.hits import Hit, summarize_hits
 from spin_rl.analysis.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, summarize
 from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
-from spin_rl.benchmark.rounds import SEED_OFFSET
-from spin_rl.config import ConfigError
+from spin_rl.benchmark.rounds import SEED_OFFSET, check_counts, one_batch
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav.config import NavConfig
@@ -83,8 +82,8 @@ def analyse_camera(
         ConfigError: No episodes, no seeds, the same seed twice, too few worlds, or a pose beyond the limits.
         ValueError: No episode was long enough to tell the camera's mean pose.
     """
-    nworld = len(cells) * episodes
-    check_one_batch(episodes, seeds, nworld, num_envs)
+    check_counts(episodes, seeds, num_envs)
+    nworld = one_batch(len(cells) * episodes, num_envs)
     for variant in held:
         check_pose(variant)
     start = time.monotonic()
@@ -225,25 +224,3 @@ def paired_difference(own: Sequence[ReachEpisodes], other: Sequence[ReachEpisode
     half = _Z95 * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
     ci95 = [max(up - down - half, -1.0), min(up - down + half, 1.0)]
     return {"mean": (won - lost) / count, "ci95": ci95, "won": won, "lost": lost}
-
-
-def check_one_batch(episodes: int, seeds: Sequence[int], nworld: int, num_envs: int | None) -> None:
-    """Check the counts of an analysis that runs all episodes of a seed at once.
-
-    Args:
-        episodes: Episodes per cell and seed.
-        seeds: Seeds.
-        nworld: Worlds that this takes.
-        num_envs: Most worlds at once, or None.
-
-    Raises:
-        ConfigError: No episodes, no seeds, the same seed twice, or too few worlds.
-    """
-    if episodes < 1:
-        raise ConfigError(f"episodes: at least 1 per cell is needed, got {episodes}")
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise ConfigError(f"seeds: at least one is needed, and each once, got {list(seeds)}")
-    if num_envs is not None and num_envs < nworld:
-        raise ConfigError(
-            f"num_envs: all {nworld} episodes of a seed must run at once; use fewer episodes and more seeds"
-        )

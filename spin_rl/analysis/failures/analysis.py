@@ -1,27 +1,24 @@
-"""Why episodes of the reach benchmark fail: the benchmark again, with a look at every failure."""
+"""Why episodes of a benchmark of the navigation task fail: the benchmark, with a look at every failure."""
 
 from __future__ import annotations
 
-import contextlib
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Sequence
+from dataclasses import asdict, fields, replace
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from spin_rl.analysis.camera.analysis import check_one_batch
-from spin_rl.analysis.failures.watch import Failure, FailureWatch
-from spin_rl.benchmark.metrics import Episodes, summarize
-from spin_rl.benchmark.reach import REACH_CELLS, run_cells
-from spin_rl.benchmark.rounds import SEED_OFFSET
-from spin_rl.machine import commit
-from spin_rl.policy import PolicyFactory
+from spin_rl.analysis.failures.failure import Failure
+from spin_rl.analysis.failures.watch import FailureWatch
+from spin_rl.benchmark.registry import Benchmark
+from spin_rl.benchmark.rounds import Announce, Report
+from spin_rl.policy import Policy, PolicyFactory
+from spin_rl.scenes.layout import Scene
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
 
 def analyse_failures(
+    benchmark: Benchmark,
     make_policy: PolicyFactory,
     cfg: NavConfig,
     episodes: int,
@@ -31,82 +28,109 @@ def analyse_failures(
     policy_name: str = "policy",
     overrides: Sequence[str] = (),
     num_envs: int | None = None,
-    announce: Callable[[str], contextlib.AbstractContextManager[Any]] | None = None,
-    report: Callable[[str], None] = print,
+    scene: Scene | None = None,
+    scene_file: Path | None = None,
+    announce: Announce | None = None,
+    report: Report = print,
 ) -> dict[str, Any]:
-    """Run the reach benchmark and look at every failure.
+    """Run a benchmark and look at every failure.
 
-    All episodes of a seed run at once, so that seed and world say which corridor it was. The corridors are
-    those of the benchmark if that, too, runs all episodes of a seed at once.
+    All episodes of a seed run at once, so that seed and world say which scene it was. The episodes are those
+    of the benchmark if that, too, runs all episodes of a seed at once.
 
     Args:
+        benchmark: One of the navigation task.
         make_policy: Makes the policy once observations exist.
-        cfg: Task configuration; its scenario and difficulty are set per world.
-        episodes: Episodes per cell and seed.
-        seeds: Seeds of corridors, start poses and goals, all different.
+        cfg: Task configuration.
+        episodes: Episodes per condition (cell, family or scene) and seed.
+        seeds: Seeds, all different.
         device: "cpu" or "cuda:N".
         policy_name: For the result.
         overrides: Settings of the task that a replay needs as well, for the result.
         num_envs: Most worlds at once; must hold all episodes of a seed.
+        scene: The one scene to run in, None for the benchmark's.
+        scene_file: Its file.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
 
     Returns:
-        `policy`, `benchmark` ("reach"), `analysis` ("failures"), `rows` as in `reach.evaluate_reach`,
-        `failures` (see `Failure`; with `play`, the overrides of spin-play that show it), `durations_s` of all
-        episodes, and the settings of the measurement.
+        The benchmark's result; with `analysis` ("failures"), `failures` (see `Failure`; with `play`, the
+        overrides of spin-play that show it) and `durations_s` of all episodes.
 
     Raises:
-        ConfigError: No episodes, no seeds, the same seed twice, or too few worlds.
+        ConfigError: Too few worlds, or whatever the benchmark refuses.
     """
-    nworld = len(REACH_CELLS) * episodes
-    check_one_batch(episodes, seeds, nworld, num_envs)
-    start = time.monotonic()
-    with announce(f"Starting {nworld} worlds on {device}") if announce else contextlib.nullcontext():
-        env = NavEnv(cfg, nworld, device)
-    policy = make_policy(env.get_observations(), device)
-    per_seed, failures = [], []
-    for seed in seeds:
-        env.reseed(SEED_OFFSET + seed)
-        watch = FailureWatch(policy, env, seed)
-        per_seed.append(
-            run_cells(
-                env,
-                watch,
-                REACH_CELLS,
-                episodes,
-                report=lambda line, seed=seed: report(f"  seed {seed}: {line}"),
-            )
-        )
-        failures += watch.failures
-    groups = [Episodes.concatenate(list(cell)) for cell in zip(*per_seed, strict=True)]
-    period = cfg.sim.control_period
-    return {
-        "policy": policy_name,
-        "benchmark": "reach",
+    watches: list[FailureWatch] = []
+
+    def watch(env: NavEnv, policy: Policy, seed: int) -> Policy:
+        watches.append(FailureWatch(policy, env, seed))
+        return watches[-1]
+
+    fixed = {} if scene is None or scene_file is None else {"scene": scene, "scene_name": scene_file.name}
+    result = benchmark.evaluate(
+        make_policy,
+        cfg,
+        episodes,
+        seeds,
+        device,
+        policy_name=policy_name,
+        num_envs=num_envs,
+        announce=announce,
+        report=report,
+        watch=watch,
+        **fixed,
+    )
+    # Conditions take turns over the worlds of a batch.
+    names = [condition_of(row) for row in result["rows"]]
+    failures = [
+        replace(failure, condition=names[failure.world % len(names)])
+        for watched in watches
+        for failure in watched.failures
+    ]
+    return result | {
         "analysis": "failures",
-        "rows": [
-            asdict(cell) | summarize(group, period) for cell, group in zip(REACH_CELLS, groups, strict=True)
+        "failures": [
+            asdict(failure) | {"play": replay(failure, result, scene_file, overrides)} for failure in failures
         ],
-        "failures": [asdict(failure) | {"play": replay(failure, overrides)} for failure in failures],
-        "durations_s": np.round(np.concatenate([group.steps for group in groups]) * period, 3).tolist(),
-        "seeds": list(seeds),
-        "episodes_per_seed": episodes,
-        "num_envs": nworld,
-        "device": device,
-        "robot": cfg.robot_profile,
-        "camera_mount": cfg.camera_mount,
-        "episode_s": cfg.episode_s,
-        "depth": None if cfg.depth is None else asdict(cfg.depth),
-        "commit": commit(),
-        "seconds": round(time.monotonic() - start, 2),
+        "durations_s": [duration for watched in watches for duration in watched.durations_s],
     }
 
 
-def replay(failure: Failure, overrides: Sequence[str] = ()) -> str:
-    """Return the overrides of spin-play, beside the policy, that play a failure's corridor again."""
-    keys = [f"{key}={getattr(failure, key)}" for key in ("scenario", "difficulty", "seed", "world")]
-    return " ".join([*keys, *overrides])
+def condition_of(row: dict[str, Any]) -> str:
+    """Name a benchmark's row: its family, its scene or its cell's scenario and difficulty."""
+    for key in ("family", "scene"):
+        if key in row:
+            return row[key]
+    return row["scenario"] if isinstance(row["scenario"], str) else f"{row['scenario']} {row['difficulty']}"
+
+
+def replay(
+    failure: Failure, result: dict[str, Any], scene_file: Path | None = None, overrides: Sequence[str] = ()
+) -> str:
+    """Return the overrides of spin-play, beside the policy, that play a failure's episode again.
+
+    Args:
+        failure: With its condition.
+        result: Of the benchmark.
+        scene_file: Of the one scene that it ran in, if so.
+        overrides: Settings of the task.
+    """
+    again = {"seed": failure.seed, "world": failure.world}
+    if result["benchmark"] == "rooms":
+        keys = {"family": failure.condition} | again
+    elif result["benchmark"] == "scenes":
+        keys = {
+            "scene": scene_file or f"{failure.condition}.yaml",
+            "starts": result["episodes_per_seed"],
+            "trip": failure.world // len(result["rows"]),
+            "seed": failure.seed,
+        }
+    elif scene_file is not None:
+        keys = {"scene": scene_file}
+    else:
+        scenario, difficulty = failure.condition.split()
+        keys = {"scenario": scenario, "difficulty": difficulty} | again
+    return " ".join([*(f"{key}={value}" for key, value in keys.items()), *overrides])
 
 
 def failures_of(result: dict[str, Any]) -> list[Failure]:

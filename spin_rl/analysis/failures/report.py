@@ -1,44 +1,44 @@
-"""The failure analysis for people: tables, and the robots' poses from above."""
+"""The failure analysis for people: tables."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.analysis.failures.analysis import failures_of
-from spin_rl.analysis.failures.watch import HITS, Failure, scene_of
+from spin_rl.analysis.failures.analysis import condition_of, failures_of
+from spin_rl.analysis.failures.failure import Failure
+from spin_rl.analysis.failures.names import OBSTACLES
+from spin_rl.analysis.failures.plot import plot
+from spin_rl.analysis.failures.watch import LATE_S
 from spin_rl.benchmark.metrics import wilson_interval
-from spin_rl.benchmark.tables import reach as report
-from spin_rl.sim.model import geom_parts
-from spin_rl.viewer import style
+from spin_rl.benchmark.tables.reach import align, title
+from spin_rl.planning.distance_field import BASE_HALF_WIDTH_M
 
+__all__ = ["headline", "plot", "table"]
+
+_CONDITIONS = {"reach": "cell", "rooms": "family", "scenes": "scene"}
 _TIME_BINS_S = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)
+_WIDTH_BINS_M = (0.0, 2.0 * BASE_HALF_WIDTH_M, 0.55, 1.0, math.inf)
 _RECENT_S = 1.0
 _LISTED = 12
-_PLOTTED = 12
-_VIEW_M = 1.2
+_MOST = 3
 
 
 def table(result: dict[str, Any]) -> str:
     """Format a result of `failures.analyse_failures` for the terminal."""
     failures = failures_of(result)
+    condition = _CONDITIONS[result["benchmark"]]
+    heading = title("Failures", result, f"{result['rows'][0]['episodes']} episodes per {condition}")
     episodes = sum(row["episodes"] for row in result["rows"])
-    seeds = ", ".join(str(seed) for seed in result["seeds"])
-    title = (
-        f"Failures: {result['policy']}, {result['rows'][0]['episodes']} episodes per cell (seeds {seeds}), "
-        f"robot {result['robot']}, camera {result['camera_mount']}{report.conditions_note(result)}"
-    )
-    blocks = [[title], _by_cell(result), _by_contact(failures, episodes)]
+    blocks = [[heading], _by_condition(result, condition), _by_contact(failures, episodes)]
     blocks += [_by_time(failures, result["durations_s"]), _by_sight(failures), _by_motion(failures)]
-    blocks += [_by_side(failures), _by_place(failures), _first(result)]
-    return "\n\n".join("\n".join(block) for block in blocks if block)
+    blocks += [_by_side(failures), _by_width(failures), _by_place(failures), _timeouts(failures)]
+    return "\n\n".join("\n".join(block) for block in [*blocks, _first(result)] if block)
 
 
 def headline(result: dict[str, Any]) -> str:
@@ -51,15 +51,17 @@ def headline(result: dict[str, Any]) -> str:
     return text + "".join(f", {part} first in {count}" for part, count in parts.most_common(1))
 
 
-def _by_cell(result: dict[str, Any]) -> list[str]:
-    body = []
+def _by_condition(result: dict[str, Any], name: str) -> list[str]:
+    failures, body = failures_of(result), []
     for row in result["rows"]:
         count = row["episodes"]
-        collisions, timeouts = (round(row[f"{name}_rate"] * count) for name in ("collision", "timeout"))
+        collisions, timeouts = (round(row[f"{kind}_rate"] * count) for kind in ("collision", "timeout"))
         failed = round((1.0 - row["success_rate"]) * count)
-        name = f"{row['scenario']} {row['difficulty']}"
-        body.append([name, *_rate(failed, count), str(collisions), str(timeouts), str(row["non_finite"])])
-    return report.align([["cell", "failures", "rate", "95%", "collision", "timeout", "non-finite"], *body])
+        mine = [failure for failure in failures if failure.condition == condition_of(row)]
+        first = _most(failure.contacts[0] for failure in mine if failure.contacts)
+        cells = [str(collisions), str(timeouts), str(row["non_finite"]), first]
+        body.append([condition_of(row), *_rate(failed, count), *cells])
+    return align([[name, "failures", "rate", "95%", "collision", "timeout", "non-finite", "mostly"], *body])
 
 
 def _by_contact(failures: list[Failure], episodes: int) -> list[str]:
@@ -70,7 +72,7 @@ def _by_contact(failures: list[Failure], episodes: int) -> list[str]:
         return []
     body = [[part, hit, *_rate(count, episodes)] for (part, hit), count in counts]
     note = "rate: of all episodes; where several parts touch at once, each has a count"
-    return [*report.align([["part", "touched", "failures", "rate", "95%"], *body]), note]
+    return [*align([["part", "touched", "failures", "rate", "95%"], *body]), note]
 
 
 def _by_time(failures: list[Failure], durations: list[float]) -> list[str]:
@@ -81,10 +83,9 @@ def _by_time(failures: list[Failure], durations: list[float]) -> list[str]:
         running = sum(low < duration for duration in durations)
         inside = sum(low < time <= high for time in collisions)
         if running:
-            label = f"{low:g} to {high:g} s" if high < math.inf else f"over {low:g} s"
-            body.append([label, *_rate(inside, running), str(running)])
+            body.append([_bin(low, high, "s"), *_rate(inside, running), str(running)])
     note = "rate: of the episodes that were still running when the bin began"
-    return [*report.align([["time", "collisions", "rate", "95%", "running"], *body]), note]
+    return [*align([["time", "collisions", "rate", "95%", "running"], *body]), note]
 
 
 def _by_sight(failures: list[Failure]) -> list[str]:
@@ -99,12 +100,12 @@ def _by_sight(failures: list[Failure]) -> list[str]:
 
     labels = ("in view", f"seen up to {_RECENT_S:g} s ago", "seen longer ago", "never seen")
     lines = []
-    for title, kinds in (("obstacle", tuple(HITS.values())), ("wall", ("wall",))):
+    for what, kinds in (("obstacle", OBSTACLES), ("wall", ("wall",))):
         hit = [failure for failure in failures if failure.hits and failure.hits[0] in kinds]
         counts = Counter(label(failure) for failure in hit)
         if hit:
             body = [[name, *_rate(counts[name], len(hit))] for name in labels]
-            lines += report.align([[title, "collisions", "share", "95%"], *body])
+            lines += align([[what, "collisions", "share", "95%"], *body])
     return [*lines, "at the last observation before the collision"] if lines else []
 
 
@@ -117,13 +118,10 @@ def _by_motion(failures: list[Failure]) -> list[str]:
             np.median(np.abs([getattr(failure, name) for failure in those]))
             for name in ("forward_m_s", "turn_rad_s")
         )
-        parts = Counter(failure.parts[0] for failure in those).most_common()
-        body.append(
-            [motion, *_rate(count, len(collisions)), f"{speed:.2f} m/s", f"{turn:.2f} rad/s"]
-            + [", ".join(f"{part} {n}" for part, n in parts)]
-        )
+        first = _most((failure.parts[0] for failure in those), len(robot.PARTS))
+        body.append([motion, *_rate(count, len(collisions)), f"{speed:.2f} m/s", f"{turn:.2f} rad/s", first])
     header = ["base", "collisions", "share", "95%", "median speed", "and turning", "part that touched first"]
-    return report.align([header, *body]) if body else []
+    return align([header, *body]) if body else []
 
 
 def _by_side(failures: list[Failure]) -> list[str]:
@@ -136,93 +134,84 @@ def _by_side(failures: list[Failure]) -> list[str]:
         if failure.point_b is not None
     )
     body = [[end, motion, *_rate(count, len(touched))] for (end, motion), count in sides.most_common()]
-    return report.align([["end of the base", "base", "collisions", "share", "95%"], *body]) if body else []
+    return align([["end of the base", "base", "collisions", "share", "95%"], *body]) if body else []
+
+
+def _by_width(failures: list[Failure]) -> list[str]:
+    body = []
+    for low, high in pairwise(_WIDTH_BINS_M):
+        those = [f for f in failures if low < (math.inf if f.width_m is None else f.width_m) <= high]
+        hits = [failure for failure in those if failure.outcome == "collision"]
+        how = _most(f"{failure.parts[0]} {failure.motion}" for failure in hits if failure.parts)
+        counts = [str(len(hits)), str(sum(failure.outcome == "timeout" for failure in those))]
+        if those:
+            body.append([_bin(low, high, "m"), *_rate(len(those), len(failures)), *counts, how])
+    if not body:
+        return []
+    note = (
+        "free width: from what was hit (else was nearest) across the base's point to what is opposite; "
+        f"the base is {_WIDTH_BINS_M[1]:.2f} m wide"
+    )
+    header = ["free width", "failures", "share", "95%", "collision", "timeout", "part and motion"]
+    return [*align([header, *body]), note]
 
 
 def _by_place(failures: list[Failure]) -> list[str]:
-    counts = Counter((failure.place, failure.outcome) for failure in failures).most_common()
-    body = [[place, outcome, *_rate(count, len(failures))] for (place, outcome), count in counts]
-    behind = sum(failure.behind_corner for failure in failures)
-    moving = sum(failure.moving for failure in failures)
+    inside = [failure for failure in failures if failure.place is not None]
+    counts = Counter((failure.place, failure.outcome) for failure in inside).most_common()
+    body = [[str(place), outcome, *_rate(count, len(inside))] for (place, outcome), count in counts]
+    behind = sum(failure.behind_corner for failure in inside)
+    moving = sum(failure.moving for failure in inside)
     if not body:
         return []
     note = f"obstacles behind the corner were hit in {behind} failures, obstacles that can move in {moving}"
-    return [*report.align([["where the base was", "outcome", "failures", "share", "95%"], *body]), note]
+    return [*align([["place in the paper's corridors", "outcome", "failures", "share", "95%"], *body]), note]
+
+
+def _timeouts(failures: list[Failure]) -> list[str]:
+    """How far those came whose time was up, and what they did at the end."""
+    late = [failure for failure in failures if failure.outcome == "timeout"]
+    body = []
+    for manner, count in Counter(failure.manner for failure in late).most_common():
+        those = [failure for failure in late if failure.manner == manner]
+        left = np.median([failure.left_m / max(failure.way_m, 1e-3) for failure in those])
+        straight, driven, turned = (
+            np.median(np.abs([getattr(failure, name) for failure in those]))
+            for name in ("to_go_m", "late_m", "late_turn_rad")
+        )
+        body.append(
+            [manner, *_rate(count, len(late)), f"{left:.0%}", f"{straight:.1f} m"]
+            + [f"{driven:.1f} m", f"{turned / (2.0 * math.pi):.1f}"]
+        )
+    if not body:
+        return []
+    note = f"medians; driven, rounds: in the last {LATE_S:g} s; way left: of the way at the start"
+    header = ["timeouts", "count", "share", "95%", "way left", "goal in", "driven", "rounds"]
+    return [*align([header, *body]), note]
 
 
 def _first(result: dict[str, Any]) -> list[str]:
     body = []
     for entry, failure in zip(result["failures"][:_LISTED], failures_of(result), strict=False):
-        what = ", ".join(f"{part} on {hit}" for part, hit in zip(failure.parts, failure.hits, strict=True))
-        what = what or f"{failure.outcome}, {failure.to_go_m:.1f} m to go"
+        what = ", ".join(failure.contacts) or f"{failure.outcome}, {failure.to_go_m:.1f} m to go"
         speed = f"{failure.forward_m_s:+.2f} m/s {failure.turn_rad_s:+.2f} rad/s"
         body.append([f"{failure.time_s:.1f} s", what, speed, failure.seen or "-", entry["play"]])
     if not body:
         return []
     header = ["time", "what", "base", "seen", f"spin-play policy={result['policy']} ..."]
     more = len(result["failures"]) - len(body)
-    return [*report.align([header, *body]), *([f"and {more} more"] if more else [])]
+    return [*align([header, *body]), *([f"and {more} more"] if more else [])]
+
+
+def _bin(low: float, high: float, unit: str) -> str:
+    return f"{low:.2g} to {high:.2g} {unit}" if high < math.inf else f"over {low:.2g} {unit}"
+
+
+def _most(things: Any, count: int = _MOST) -> str:
+    """The most frequent of some things with their numbers."""
+    return ", ".join(f"{thing} {n}" for thing, n in Counter(things).most_common(count))
 
 
 def _rate(count: int, total: int) -> list[str]:
     low, high = wilson_interval(count, total)
     return [str(count), f"{count / total:.1%}", f"{low:.1%} to {high:.1%}"]
-
-
-def plot(result: dict[str, Any], path: Path) -> None:
-    """Draw the first failures from above at their last observation, with the robot's collision shape.
-
-    Args:
-        result: Of `failures.analyse_failures`.
-        path: Image file to write; its folder is made.
-    """
-    from matplotlib.figure import Figure
-
-    failures = failures_of(result)[:_PLOTTED]
-    columns = min(4, max(len(failures), 1))
-    rows = max(math.ceil(len(failures) / columns), 1)
-    figure = Figure(figsize=(3.2 * columns, 3.6 * rows), layout="constrained")
-    figure.suptitle(f"{result['policy']}: {len(failures)} of {len(result['failures'])} failures", fontsize=9)
-    model = robot.load_spec().compile()
-    for i, failure in enumerate(failures):
-        _draw(figure.add_subplot(rows, columns, i + 1), failure, model)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
-
-
-def _draw(axes: Any, failure: Failure, model: mujoco.MjModel) -> None:
-    from spin_rl.viewer.plan import footprint
-
-    scene = scene_of(failure)
-    for slot, colour in enumerate(style.slot_colours(scene)):
-        if scene.active[slot]:
-            edge = "red" if slot == failure.slot else "none"
-            axes.fill(*footprint(scene, slot).T, facecolor=np.array(colour) / 255, edgecolor=edge, alpha=0.8)
-    data = mujoco.MjData(model)
-    data.qpos[:] = failure.qpos
-    mujoco.mj_kinematics(model, data)
-    for geom, part in enumerate(geom_parts(model)):
-        if part >= 0:
-            color = "red" if robot.PARTS[part] in failure.parts else "black"
-            axes.plot(*_outline(model, data, geom).T, color=color, linewidth=0.8)
-    x, y = failure.qpos[:2]
-    axes.plot(*failure.goal, "g*")
-    axes.set(xlim=(x - _VIEW_M, x + _VIEW_M), ylim=(y - _VIEW_M, y + _VIEW_M), aspect="equal")
-    axes.tick_params(labelsize=6)
-    what = ", ".join(f"{part} on {hit}" for part, hit in zip(failure.parts, failure.hits, strict=True))
-    cell = f"{failure.scenario} {failure.difficulty} seed {failure.seed} world {failure.world}"
-    axes.set_title(f"{what or failure.outcome}, {failure.time_s:.1f} s\n{cell}", fontsize=7)
-
-
-def _outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarray:
-    """Outline of a collision geom of the robot from above [m], closed, shape (n, 2)."""
-    size, frame = model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3)
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
-        local = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (-1, -1, 0)]) * size
-        return data.geom_xpos[geom, :2] + (local @ frame.T)[:, :2]
-    # A capsule from above: a half circle around either end of its axis.
-    axis = frame[:2, 2] * size[1]
-    turns = np.arctan2(axis[1], axis[0]) + np.linspace(-0.5 * np.pi, 1.5 * np.pi, 25)
-    ends = np.where(np.arange(25)[:, None] <= 12, axis, -axis)
-    outline = ends + size[0] * np.stack([np.cos(turns), np.sin(turns)], -1)
-    return data.geom_xpos[geom, :2] + np.vstack([outline, outline[:1]])

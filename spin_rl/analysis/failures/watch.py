@@ -2,147 +2,112 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import astuple, replace
 from typing import Any
 
 import numpy as np
 import torch
 from tensordict import TensorDict
 
+from spin_rl.analysis.failures.failure import Failure
+from spin_rl.analysis.failures.names import base_velocity, kind_of, manner_of, motion_of, place_of
+from spin_rl.analysis.failures.width import free_width
 from spin_rl.analysis.hits import FLOOR, Touch
 from spin_rl.analysis.watch import NEVER, Watch
 from spin_rl.policy import Policy
-from spin_rl.scenes.kinds import DIFFICULTIES, level_of
-from spin_rl.scenes.layout import PoolSpec, Scene
+from spin_rl.scenes.layout import Scene
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav.env import NavEnv
 
-HITS = {"low": "low", "tall": "tall", "arm": "arm-height", "head": "head-height"}
-"""Kinds of obstacles by the name of their level."""
-OTHER_HITS = ("wall", "distractor", "floor")
-
-# Slower than this counts as not moving: of the base's fastest, 6 % forward and 7 % turning.
-_STILL_M_S = 0.05
-_STILL_RAD_S = 0.1
-
-
-@dataclass(frozen=True)
-class Failure:
-    """An episode that did not reach its goal; states are those of the last observation.
-
-    Attributes:
-        scenario: Of its cell.
-        difficulty: Of its cell.
-        seed: Of the evaluation.
-        world: Index in the batch of that seed.
-        outcome: `collision`, `timeout` or `non_finite`.
-        time_s: Since the start [s].
-        travelled_m: Way of the base [m].
-        to_go_m: Straight distance to the goal [m].
-        place: Of the base: `straight` corridor, or `before`, `in` or `behind` the `corner`.
-        forward_m_s: Speed of the base ahead, negative backwards [m/s].
-        turn_rad_s: Turning speed of the base, positive to the left [rad/s].
-        motion: What the base did: `forward`, `backward`, `turning` (in place) or `still`.
-        parts: Parts of the robot that touched the scene, the nearest to it first.
-        hits: What each of them touched: a kind of `HITS`, or one of `OTHER_HITS`. The rest is about the first
-            of them, and None or false without one.
-        point_b: Nearest point of the part to what it touched, in the base frame [m], None without one.
-        slot: Its slot in the scene, None for the floor.
-        moving: Whether it can move.
-        behind_corner: Whether it is an obstacle in the second leg of an L.
-        seen: `in view` if the camera showed a corner of it at the last observation, else `before` or `never`.
-        unseen_s: Time since the camera showed a corner of it [s], None if it never did.
-        qpos: State of the robot in `robot.DOF_NAMES` order [m, rad].
-        goal: Of the base [m].
-        slots: What stood where: index, position [m], yaw [rad] and half extents [m] of every active slot.
-    """
-
-    scenario: int
-    difficulty: str
-    seed: int
-    world: int
-    outcome: str
-    time_s: float
-    travelled_m: float
-    to_go_m: float
-    place: str
-    forward_m_s: float
-    turn_rad_s: float
-    motion: str
-    parts: list[str]
-    hits: list[str]
-    point_b: list[float] | None
-    slot: int | None
-    moving: bool
-    behind_corner: bool
-    seen: str | None
-    unseen_s: float | None
-    qpos: list[float]
-    goal: list[float]
-    slots: list[list[float]]
+LATE_S = 10.0
+"""How long before its end an episode is looked at for what the base did."""
 
 
 class FailureWatch(Watch):
-    """Collects the failures of one seed."""
+    """Collects the failures of one seed.
+
+    Attributes:
+        failures: In the order of their end.
+        durations_s: Of all episodes, in the order of their end [s].
+    """
 
     def __init__(self, policy: Policy, env: NavEnv, seed: int) -> None:
         """Watch a policy in an environment that only it acts in.
 
         Args:
             policy: The policy.
-            env: The environment; its corridors are the generator's.
+            env: The environment.
             seed: What failures are labelled with.
         """
         super().__init__(policy, env)
         self._seed = seed
         self.failures: list[Failure] = []
+        self.durations_s: list[float] = []
 
     def _begin(self) -> None:
         super()._begin()
         self._scenes = self._env.sim.layout.scenes()
         self._travelled = torch.zeros(self._env.num_envs, device=self._env.device)
+        self._left = self._env.way_left.clone()
+        # Of the base, one for every observation and the one before.
+        self._poses: deque[torch.Tensor] = deque(maxlen=1 + round(LATE_S / self._period))
 
     def _observe(self, obs: TensorDict) -> None:
         before = self._last["qpos"][:, :2].clone()
         super()._observe(obs)
         self._travelled += (self._last["qpos"][:, :2] - before).norm(dim=-1)
+        self._left.copy_(self._env.way_left)
+        self._poses.append(self._last["qpos"][:, :3].clone())
 
     def _end(self, worlds: torch.Tensor) -> None:
+        # The step that ended the episodes came after the last observation.
+        time_s = round((self._step + 1) * self._period, 3)
+        self.durations_s += [time_s] * len(worlds)
         worlds = worlds[self._env.outcome[worlds] != episode.SUCCESS]
+        if not len(worlds):
+            return
         rows = self._rows(worlds)
-        rows["outcome"], rows["travelled"] = (
-            values[worlds].cpu().numpy() for values in (self._env.outcome, self._travelled)
-        )
+        late = torch.stack([poses[worlds] for poses in self._poses], dim=1)
+        more = {
+            "outcome": self._env.outcome[worlds],
+            "travelled": self._travelled[worlds],
+            "way": self._env.final_way[worlds],
+            "left": self._left[worlds],
+            "late": late,
+        }
+        rows |= {name: values.cpu().numpy() for name, values in more.items()}
         for i, world in enumerate(worlds.tolist()):
-            self.failures.append(self._describe(world, {name: values[i] for name, values in rows.items()}))
+            state = {name: values[i] for name, values in rows.items()}
+            self.failures.append(self._describe(world, time_s, state))
 
-    def _describe(self, world: int, state: dict[str, np.ndarray]) -> Failure:
-        scene, qpos = self._scenes[world], state["qpos"]
-        speed, turn = base_velocity(qpos, state["qvel"])
+    def _describe(self, world: int, time_s: float, state: dict[str, np.ndarray]) -> Failure:
+        qpos = state["qpos"]
+        scene = replace(self._scenes[world], pos=state["slot_pos"].astype(float))
         touches: list[Touch] = []
         if state["outcome"] == episode.COLLISION:
             touches = self._nearest.find(world, state["slot_pos"], qpos, state["parts"])
         slot = touches[0].slot if touches and touches[0].slot != FLOOR else None
+        width = free_width(scene, qpos[:2], slot)
         return Failure(
-            scenario=scene.scenario,
-            difficulty=DIFFICULTIES[scene.difficulty],
             seed=self._seed,
             world=world,
             outcome=episode.OUTCOMES[state["outcome"]],
-            # The step that ended the episode came after the last observation.
-            time_s=round((self._step + 1) * self._period, 3),
+            time_s=time_s,
             travelled_m=round(float(state["travelled"]), 3),
             to_go_m=round(float(np.hypot(*(scene.goal - qpos[:2]))), 3),
+            way_m=round(float(state["way"]), 3),
+            left_m=round(float(state["left"]), 3),
             place=place_of(scene, qpos[:2]),
-            forward_m_s=round(speed, 3),
-            turn_rad_s=round(turn, 3),
-            motion=motion_of(speed, turn),
             parts=[touch.part for touch in touches],
             hits=[kind_of(scene, touch.slot) for touch in touches],
             point_b=[round(float(value), 4) for value in touches[0].point_b] if touches else None,
+            width_m=None if width is None else round(width, 3),
             qpos=[round(float(value), 5) for value in qpos],
             goal=[round(float(value), 4) for value in scene.goal],
-            slots=_rows_of(scene, state["slot_pos"]),
+            pool=list(astuple(scene.pool)),
+            slots=_rows_of(scene),
+            **_describe_motion(state, self._period),
             **self._describe_slot(scene, slot, state),
         )
 
@@ -150,11 +115,11 @@ class FailureWatch(Watch):
         nothing = {"moving": False, "behind_corner": False, "seen": None, "unseen_s": None}
         if slot is None:
             return nothing | {"slot": None}
-        pos, seen_at = state["slot_pos"][slot], int(state["seen_at"][slot])
+        seen_at = int(state["seen_at"][slot])
         steps = None if seen_at == NEVER else self._step - seen_at
         moving = bool(scene.motion_speed[slot] > 0.0)
         # What moves may come out of a wall, and be on neither side of the corner yet.
-        stands = scene.home[slot, :2] if moving else pos[:2]
+        stands = (scene.home if moving else scene.pos)[slot, :2]
         return {
             "slot": slot,
             "moving": moving,
@@ -164,61 +129,22 @@ class FailureWatch(Watch):
         }
 
 
-def kind_of(scene: Scene, slot: int) -> str:
-    """Name what a slot of a generated corridor is: a value of `HITS` or one of `OTHER_HITS`.
-
-    Obstacles take the first box slots, distractors the last.
-    """
-    if slot == FLOOR:
-        return "floor"
-    if scene.is_wall[slot]:
-        return "wall"
-    boxes = scene.num_obstacles - int(np.count_nonzero(scene.active & scene.is_cylinder))
-    if not scene.is_cylinder[slot] and slot >= scene.pool.first_box + boxes:
-        return "distractor"
-    height, half = scene.pos[slot, 2], scene.half_size[slot, 2]
-    return HITS[level_of(float(height - half), float(height + half))]
-
-
-def place_of(scene: Scene, point: np.ndarray) -> str:
-    """Name the part of a generated corridor that a point (x, y) [m] is in."""
-    if scene.bend == 0:
-        return "straight"
-    outer = 1  # slot of the first leg's outer wall, which bounds the free space at y = -+ half the width
-    half_width = abs(scene.pos[outer, 1]) - scene.half_size[outer, 1]
-    if abs(point[1]) > half_width:
-        return "behind corner"
-    return "before corner" if point[0] < scene.goal[0] - half_width else "in corner"
+def _describe_motion(state: dict[str, np.ndarray], period: float) -> dict[str, Any]:
+    speed, turn = base_velocity(state["qpos"], state["qvel"])
+    late = state["late"]
+    driven = float(np.linalg.norm(np.diff(late[:, :2], axis=0), axis=1).sum())
+    turned = float(late[-1, 2] - late[0, 2])
+    return {
+        "forward_m_s": round(speed, 3),
+        "turn_rad_s": round(turn, 3),
+        "motion": motion_of(speed, turn),
+        "late_m": round(driven, 3),
+        "late_turn_rad": round(turned, 3),
+        "manner": manner_of(driven, turned, (len(late) - 1) * period),
+    }
 
 
-def base_velocity(qpos: np.ndarray, qvel: np.ndarray) -> tuple[float, float]:
-    """Return the base's forward [m/s] and turning speed [rad/s] of a state."""
-    return float(qvel[0] * np.cos(qpos[2]) + qvel[1] * np.sin(qpos[2])), float(qvel[2])
-
-
-def motion_of(forward: float, turn: float) -> str:
-    """Name what a base with a forward [m/s] and a turning speed [rad/s] does."""
-    if abs(forward) >= _STILL_M_S:
-        return "forward" if forward > 0.0 else "backward"
-    return "turning" if abs(turn) >= _STILL_RAD_S else "still"
-
-
-def scene_of(failure: Failure) -> Scene:
-    """Rebuild what stood where; start, joints and motion are left out."""
-    scene = Scene.empty(PoolSpec())
-    scene.goal[:], scene.bend = failure.goal, failure.scenario - 1
-    for slot, *values in failure.slots:
-        i = int(slot)
-        scene.active[i], scene.pos[i], scene.yaw[i], scene.half_size[i] = (
-            True,
-            values[:3],
-            values[3],
-            values[4:],
-        )
-    return scene
-
-
-def _rows_of(scene: Scene, pos: np.ndarray) -> list[list[float]]:
+def _rows_of(scene: Scene) -> list[list[float]]:
     slots = np.flatnonzero(scene.active)
-    table = np.column_stack([slots, pos[slots], scene.yaw[slots], scene.half_size[slots]])
+    table = np.column_stack([slots, scene.pos[slots], scene.yaw[slots], scene.half_size[slots]])
     return np.round(table.astype(float), 4).tolist()

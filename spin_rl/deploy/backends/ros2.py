@@ -1,3 +1,5 @@
+# pyright: reportMissingImports=false
+# (ROS 2 is no Python package that could be installed)
 """A Stretch behind Hello Robot's ROS 2 driver: all calls of rclpy. Never tried on a robot.
 
 Written from the interface of the driver `stretch_core/stretch_driver` for Humble and its launch files.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 STAGES = ("reach", "align", "pick", "retract", "carry", "place")
-"""See `spin_rl.tasks.fetch.state`."""
+"""A fetch's stages in their order; see `spin_rl.tasks.fetch.state`."""
 REACH, ALIGN, PICK, RETRACT, CARRY, PLACE = range(len(STAGES))
 RELEASE_PHASE = 4
 """Phase of `place` from which the fingers open."""

@@ -29,8 +29,9 @@ def build_field(
 ) -> Site:
     """Things at random places with gaps between them: a third thin posts, others low, tall or floating."""
     state = wp.rand_init(seed, 0)
-    now = site
     half_side = 0.5 * wp.lerp(q.field_size[0], q.field_size[1], wp.randf(state))
+    floor = wp.vec4(-half_side, -half_side, half_side, half_side)
+    now = put_walker(world, floor, q, int(wp.rand_init(seed, 2)), site, slots, track)
     count = q.field_things[0] + int(float(q.field_things[1] - q.field_things[0] + 1) * wp.randf(state))
     for k in range(wp.min(count, q.field_things[1])):
         draw = wp.rand_init(int(wp.rand_init(seed, 1)), k)
@@ -82,5 +83,4 @@ def build_field(
                 now.cylinders = now.cylinders + 1
             else:
                 now.boxes = now.boxes + 1
-    floor = wp.vec4(-half_side, -half_side, half_side, half_side)
-    return put_walker(world, floor, q, int(wp.rand_init(seed, 2)), now, slots, track)
+    return now

@@ -219,6 +219,6 @@ def _build(
         site = with_rectangle(site, -HALF_OPEN, -HALF_OPEN, HALF_OPEN, HALF_OPEN)
     goal_out[world] = _draw_goal(world, p.goal_clearance, int(wp.rand_init(stream, 2)), site, slots, track)
     bend_out[world] = 0
-    scenario_out[world] = 1
+    scenario_out[world] = 0
     difficulty_out[world] = 0
     num_obstacles_out[world] = site.obstacles

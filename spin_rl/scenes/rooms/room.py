@@ -30,12 +30,11 @@ def _furnish_all(world: int, q: FamilyStruct, seed: int, site: Site, slots: Slot
     """Furniture in all rectangles, and somebody who walks in one of them."""
     state = wp.rand_init(seed, 1)
     density = draw_density(q, wp.randf(state), wp.randf(state))
-    now = site
+    where = wp.min(int(float(site.num_rectangles) * wp.randf(state)), site.num_rectangles - 1)
+    now = put_walker(world, site.rectangles[where], q, int(wp.rand_init(seed, 9)), site, slots, track)
     for i in range(site.num_rectangles):
         now = furnish(world, i, density, q, int(wp.rand_init(seed, 2 + i)), now, slots)
-    where = wp.min(int(float(site.num_rectangles) * wp.randf(state)), site.num_rectangles - 1)
-    r = site.rectangles[where]
-    return put_walker(world, r, q, int(wp.rand_init(seed, 9)), now, slots, track)
+    return now
 
 
 @wp.func

@@ -7,13 +7,13 @@ import warp as wp
 
 from spin_rl.scenes.motion import Track
 from spin_rl.scenes.rooms.arrange import place_is_free
-from spin_rl.scenes.rooms.geometry import Site
+from spin_rl.scenes.rooms.geometry import Site, with_reserved
 from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _TRIES = wp.constant(12)
-_POINTS = wp.constant(5)
-"""Places along the walk that must be free."""
+_BESIDE = wp.constant(0.05)
+"""Floor beside the walk where nothing may be put [m]."""
 
 _HEIGHT = wp.constant(wp.vec2(1.5, 1.8))
 
@@ -21,24 +21,12 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _is_free_all_along(
-    world: int, home: wp.vec2, away: wp.vec2, half: wp.vec2, gap: float, site: Site, slots: Slots
-) -> bool:
-    """Whether nothing stands in the walk, and at its end there is room to pass."""
-    if not place_is_free(world, home, 0.0, half, gap, 0.0, site, slots):
-        return False
-    for i in range(1, _POINTS):
-        point = home + float(i) / float(_POINTS - 1) * away
-        if not place_is_free(world, point, 0.0, half, 0.05, 0.0, site, slots):
-            return False
-    return True
-
-
-@wp.func
 def put_walker(
     world: int, r: wp.vec4, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track
 ) -> Site:
-    """In a share of worlds, one who walks along x or y within a rectangle, where a free walk is found.
+    """In a share of worlds, one who walks along x or y within a rectangle that nothing stands in yet.
+
+    The walk is kept free, and whatever is put there later leaves room to pass where the walker is at home.
 
     Args:
         world: World to write.
@@ -63,19 +51,28 @@ def put_walker(
     height = wp.lerp(_HEIGHT[0], _HEIGHT[1], wp.randf(state))
     speed = wp.lerp(q.walker_speed[0], q.walker_speed[1], wp.randf(state))
     phase = wp.randf(state)
+    low = wp.vec2(r[0], r[1]) + half
+    high = wp.vec2(r[2], r[3]) - half
     for _attempt in range(_TRIES):
         if not placed:
             way = wp.lerp(q.walker_way[0], q.walker_way[1], wp.randf(state))
-            home = wp.vec2(wp.lerp(r[0], r[2], wp.randf(state)), wp.lerp(r[1], r[3], wp.randf(state)))
+            home = wp.vec2(
+                wp.lerp(low[0], high[0], wp.randf(state)), wp.lerp(low[1], high[1], wp.randf(state))
+            )
             away = wp.vec2(way, 0.0)
             if wp.randf(state) < 0.5:
                 away = wp.vec2(0.0, way)
             if wp.randf(state) < 0.5:
                 away = -away
             end = home + away
-            inside = end[0] > r[0] and end[0] < r[2] and end[1] > r[1] and end[1] < r[3]
-            if inside and _is_free_all_along(world, home, away, half, q.gap, site, slots):
+            inside = end[0] > low[0] and end[0] < high[0] and end[1] > low[1] and end[1] < high[1]
+            if inside and place_is_free(world, home, 0.0, half, q.gap, 0.0, site, slots):
                 placed = True
+                begin = wp.min(home, end) - half
+                finish = wp.max(home, end) + half
+                now = with_reserved(
+                    now, begin[0] - _BESIDE, begin[1] - _BESIDE, finish[0] + _BESIDE, finish[1] + _BESIDE
+                )
                 centre = wp.vec3(home[0], home[1], 0.5 * height)
                 put_slot(world, slot, centre, 0.0, wp.vec3(half[0], half[1], 0.5 * height), slots)
                 track.home[world, slot] = centre

@@ -7,7 +7,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.deploy.fetch.numbers import HOLDS_N
 from spin_rl.scenes.footprint import Disc, disc_touches
-from spin_rl.sim import Simulation
+from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.pick.episode import Forces
 from spin_rl.warp_kernels.slots import Slots, slots_of
 

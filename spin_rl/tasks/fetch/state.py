@@ -13,7 +13,7 @@ place    scripted: turn, unfold, lower, open, raise
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.deploy.fetch.numbers import STAGES
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.pick.episode import PICK_OUTCOMES
 from spin_rl.warp_kernels.slots import Slots
 

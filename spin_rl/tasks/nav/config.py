@@ -5,10 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.corridors.params import GeneratorParams
-from spin_rl.tasks.common.config import CorridorConfig
+from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
-from spin_rl.tasks.nav.observations import NavNoise
 from spin_rl.tasks.nav.rewards import TERMS
+
+
+@dataclass(frozen=True)
+class NavNoise(ProprioNoise):
+    """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
+
+    Attributes:
+        goal_m: Of the goal's x and y [m].
+        scandots_m: Half width of the uniform noise on every scandot coordinate [m].
+    """
+
+    goal_m: float = 0.0
+    scandots_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -17,7 +29,6 @@ class NavConfig(CorridorConfig):
 
     Attributes:
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
-        goal_range_m: Farthest that a goal is shown to the policy [m], in its direction; None: where it is.
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
@@ -26,7 +37,6 @@ class NavConfig(CorridorConfig):
     """
 
     stop_on_collision: bool = True
-    goal_range_m: float | None = None
     slack_s: float = 10.0
     slowness: float = 3.0
     clearance_m: float = 0.15
@@ -39,4 +49,5 @@ class NavConfig(CorridorConfig):
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""
         super().__post_init__()
+        require_positive(self, "task", ("slowness",))
         check_scales(self.reward, TERMS)

@@ -33,6 +33,7 @@ class NavEnv(CorridorEnv):
     The observation groups are documented in `observations.py`.
 
     Attributes:
+        way_left: Way left to the goal in the running episode [m], a view, shape (num_envs,).
         final_way: Way to the goal at the start of the episode that the last step belongs to [m], a view,
             shape (num_envs,).
         final_driven: Path that the base drove in it up to that step [m], likewise.
@@ -133,6 +134,7 @@ class NavEnv(CorridorEnv):
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
         self._goal_distance_view = wp.to_torch(self._goal_distance)
+        self.way_left = wp.to_torch(self._distance)
         self.final_way = wp.to_torch(self._trips.final_way)
         self.final_driven = wp.to_torch(self._trips.final_driven)
         # The goal before the step: worlds that ended have new ones when rewards are computed.
@@ -226,6 +228,7 @@ class NavEnv(CorridorEnv):
             self_contact=self.sim.views.self_contact,
             action=action,
             last_action=self._last_action,
+            observations=self._observed,
             haste=self._haste,
         )
 
