@@ -41,8 +41,9 @@ def make_tiny(name: str, folder: Path, seed: int = 1, **changes) -> Path:
     model = build_model(metadata["actor"], "actor", dims, metadata["num_actions"])
     for parameter in model.parameters():  # actions that are neither constant nor at their limits
         torch.nn.init.normal_(parameter, std=0.2)
+    weights = {key: value.contiguous() for key, value in model.state_dict().items()}
     path = folder / f"{name}.safetensors"
-    write_policy(path, model.state_dict(), metadata)
+    write_policy(path, weights, metadata)
     return path
 
 
