@@ -116,7 +116,7 @@ class GraspForces:
             self.hard_contact = wp.zeros(nworld, dtype=float)
             self.object_support = wp.zeros(nworld, dtype=bool)
             self._sums = wp.zeros((nworld, grasp.NUM_SUMS), dtype=float)
-            self._roles = wp.array(_geom_roles(mj_model), dtype=wp.int32)
+            self._roles = wp.array(geom_roles(mj_model), dtype=wp.int32)
         self.views = GraspViews(
             finger_force=wp.to_torch(self.finger_force),
             table_force=wp.to_torch(self.table_force),
@@ -207,7 +207,7 @@ class Manipulation:
         place_objects(self.increments, mask, state.start_pose, mode, qpos=data.qpos, action=action)
 
 
-def _geom_roles(model: mujoco.MjModel) -> list[int]:
+def geom_roles(model: mujoco.MjModel) -> list[int]:
     """Return what `grasp_forces` takes each geom for."""
     pads = {
         name: role

@@ -16,12 +16,15 @@ import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.config import ConfigError, Range, from_mapping
+from spin_rl.config import Choice, ConfigError, Range, from_mapping
+from spin_rl.deploy.backends.handled import IMPRATIO, HandledObject, standing_object
 from spin_rl.deploy.backends.scandots import NativeScandots
 from spin_rl.deploy.contract import Contract, Profile
 from spin_rl.deploy.interface import CameraInfo, Command, Connection, DepthFrame, RobotState
+from spin_rl.deploy.observations import in_base
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.objects.shapes import OBJECTS, SceneObject
 from spin_rl.scenes.scene_file import find_scene, load_scene
 
 TIMESTEP_S = 0.002
@@ -41,11 +44,20 @@ class Settings:
         scene: Scene file, or the name of one in conf/scenes_examples.
         pixels: Columns of the camera's own image; None takes the policy's.
         realtime: Whether simulated time passes as real time does.
+        object: An object to grasp; with one, policies that pick and fetches are told what they must know.
+        object_at: Where it stands, on the highest box there, which is the table [m].
     """
 
     scene: Path
     pixels: Annotated[int, Range(1, 1280)] | None = None
     realtime: bool = False
+    object: Annotated[str, Choice(OBJECTS)] | None = None
+    object_at: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Reject one without the other."""
+        if (self.object is None) != (self.object_at is None):
+            raise ValueError("robot.object, robot.object_at: one needs the other")
 
 
 def open_robot(settings: Mapping[str, Any], contract: Contract) -> MujocoRobot:
@@ -58,7 +70,10 @@ def open_robot(settings: Mapping[str, Any], contract: Contract) -> MujocoRobot:
     scene = load_scene(find_scene(cfg.scene))
     if scene.moves:
         raise ConfigError(f"robot.scene: {cfg.scene} has things that move, which this back end leaves out")
-    return MujocoRobot(scene, contract, pixels=cfg.pixels, realtime=cfg.realtime)
+    thing = None
+    if cfg.object is not None and cfg.object_at is not None:
+        thing = standing_object(scene, cfg.object, cfg.object_at)
+    return MujocoRobot(scene, contract, pixels=cfg.pixels, realtime=cfg.realtime, thing=thing)
 
 
 class MujocoRobot:
@@ -72,7 +87,13 @@ class MujocoRobot:
     """
 
     def __init__(
-        self, scene: Scene, contract: Contract, *, pixels: int | None = None, realtime: bool = False
+        self,
+        scene: Scene,
+        contract: Contract,
+        *,
+        pixels: int | None = None,
+        realtime: bool = False,
+        thing: tuple[SceneObject, int] | None = None,
     ) -> None:
         """Put the robot at the scene's start.
 
@@ -81,9 +102,10 @@ class MujocoRobot:
             contract: Gives servo speeds, camera and image size.
             pixels: See `Settings`.
             realtime: See `Settings`.
+            thing: An object to grasp, and the slot of the table that it stands on.
         """
         self.clock = self
-        self.model = native_model(scene)
+        self.model = native_model(scene, obj=None if thing is None else thing[0])
         self.model.opt.timestep = TIMESTEP_S
         defaults = mujoco.MjOption()
         self.model.opt.iterations, self.model.opt.ls_iterations = defaults.iterations, defaults.ls_iterations
@@ -92,6 +114,10 @@ class MujocoRobot:
             actuator = self.model.actuator(joint).id
             self.model.actuator_forcelimited[actuator] = True
             self.model.actuator_forcerange[actuator] = -force, force
+        self._object: HandledObject | None = None
+        if thing is not None:
+            self.model.opt.impratio = IMPRATIO
+            self._object = HandledObject(scene, thing[1], thing[0], self.model, contract)
         self.data = mujoco.MjData(self.model)
         self.touched: set[tuple[str, str]] = set()
         self._goal = (float(scene.goal[0]), float(scene.goal[1]))
@@ -109,7 +135,10 @@ class MujocoRobot:
 
     def connect(self) -> Connection:
         """Say what there is."""
-        return Connection(is_real=False, camera=self._camera.info, goal=self._goal)
+        object_b = None
+        if self._object is not None:
+            object_b = tuple(in_base(self._object.start, self.data.qpos[:3]).tolist())
+        return Connection(is_real=False, camera=self._camera.info, goal=self._goal, object_b=object_b)
 
     def now(self) -> float:
         """Return the simulated time [s]."""
@@ -117,10 +146,14 @@ class MujocoRobot:
 
     def sleep_until(self, time_s: float) -> None:
         """Simulate up to a time [s]."""
+        if self._object is not None and self.data.time < time_s - 1e-9:
+            self._object.clear()
         while self.data.time < time_s - 1e-9:
             self._servos.drive(self._command, self.data)
             mujoco.mj_step(self.model, self.data)
             self._note_contacts()
+            if self._object is not None:
+                self._object.add_substep(self.data)
         if self._realtime:
             time.sleep(max(self._epoch + time_s - time.monotonic(), 0.0))
 
@@ -153,11 +186,14 @@ class MujocoRobot:
         """Do nothing: there are no devices."""
 
     def told(self) -> Mapping[str, np.ndarray]:
-        """Return the scandots of a policy that needs them, which a simulator knows."""
-        if self._scandots is None:
-            return {}
+        """Return what a simulator knows: scandots of a policy that needs them, and all about an object."""
         mujoco.mj_kinematics(self.model, self.data)
-        return self._scandots.group(self.data)
+        groups: dict[str, np.ndarray] = {}
+        if self._scandots is not None:
+            groups |= self._scandots.group(self.data)
+        if self._object is not None:
+            groups |= self._object.told(self.data)
+        return groups
 
     def _holding(self) -> Command:
         return Command(0.0, 0.0, _joints(self.data.qpos), np.full(len(robot.JOINTS), np.inf))
@@ -187,7 +223,7 @@ class _Servos:
         yaw = data.qpos[2] + 0.5 * TIMESTEP_S * self._base[1]
         forward, turn = self._base
         limit = self._share * command.joint_speed[self._joint]
-        gap = self._share * command.joints[self._joint] - data.qpos[3:]
+        gap = self._share * command.joints[self._joint] - data.qpos[3 : len(robot.DOF_NAMES)]
         data.ctrl[:3] = forward * math.cos(yaw), forward * math.sin(yaw), turn
         data.ctrl[3:] = np.clip(gap * self._gain, -limit, limit)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from spin_rl.deploy.fetch.numbers import STAGES
 from spin_rl.scenes.corridor_tables.params import FetchSceneParams
 from spin_rl.sim.config import SimConfig
 from spin_rl.tasks.common.config import CorridorConfig, CurriculumConfig, require_positive
@@ -14,10 +15,6 @@ from spin_rl.tasks.pick.config import GRASP_SIM, GraspConfig
 CARRY_SIM = replace(GRASP_SIM, impratio=400.0)
 """Physics in which fingers hold an object for long, as in conf/sim/carry.yaml."""
 CARRY_JOINTS = ("lift", "arm_extension", "wrist_yaw", "wrist_pitch", "wrist_roll")
-
-
-STAGES = ("reach", "align", "pick", "retract", "carry", "place")
-"""A fetch's stages in their order; see `state.py`."""
 
 
 @dataclass(frozen=True)

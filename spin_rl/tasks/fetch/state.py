@@ -25,9 +25,6 @@ CARRY = wp.constant(STAGES.index("carry"))
 PLACE = wp.constant(STAGES.index("place"))
 FETCH_OUTCOMES = PICK_OUTCOMES
 
-RELEASE_PHASE = wp.constant(4)
-"""Phase of `place` from which the fingers open."""
-
 
 wp.set_module_options({"enable_backward": False})
 
