@@ -124,9 +124,9 @@ def evaluate_again(
         report: Receives lines of progress.
 
     Returns:
-        The result of `evaluate`, but that `rows` and `overall` are of the other simulator. Each has its row of
-        the batched run as `batched` (`overall` its success rate alone), and `difference`: success there minus
-        batched, see `metrics.paired_difference`. Further `backend`, `renderer`, `timestep_s` and
+        The result of `evaluate`, but that `rows` and `overall` are of the other simulator. Each has its row
+        of the batched run as `batched` (`overall` its success rate alone), and `difference`: success there
+        minus batched, see `metrics.paired_difference`. Further `backend`, `renderer`, `timestep_s` and
         `backend_seconds`.
 
     Raises:

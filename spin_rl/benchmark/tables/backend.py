@@ -43,7 +43,7 @@ def table(result: dict[str, Any]) -> str:
                 main_causes(row),
             ]
         )
-    note = "difference: to the batched run of the same episodes, paired; won, lost: successes only here, only there"
+    note = "difference: to the batched run of the same episodes; won, lost: successes here, there alone"
     return "\n".join([heading, *align([header, *body]), note])
 
 
