@@ -16,12 +16,15 @@ setup: $(STAMP)
 
 $(STAMP): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "Installing into $(VENV) (once; a few minutes)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@echo "Installing into $(VENV): once, about four minutes, most of them for torch"
+	@$(BIN)/python -m pip install --disable-pip-version-check torch==2.13.0
+	@$(BIN)/python -m pip install --disable-pip-version-check -e '.[dev]'
 	@touch $@
 
 train: setup
+	@echo "Trains for $(TRAIN_MINUTES) minutes, evaluates for one or two, and makes a video. After five minutes on two cores expect"
+	@echo "a policy that reaches half of the goals in wide corridors (level 0 in the progress line is 1.6 m, level 1 the"
+	@echo "benchmark's 1.0 m) and hardly any of the benchmark's. nav-cvo, which is shipped, took 80 minutes."
 ifeq ($(HAS_GPU),)
 	OMP_NUM_THREADS=1 $(BIN)/torchrun --nproc-per-node=$(WORKERS) -m spin_rl.cli.train \
 		run_dir=$(RUN) max_minutes=$(TRAIN_MINUTES) evaluate=25 $(ARGS)
@@ -30,6 +33,7 @@ else
 endif
 	OMP_NUM_THREADS=1 $(BIN)/spin-play policy=$(RUN) difficulty=easy episodes=2 seed=0 samples=1 \
 		task.episode_s=15 video=$(RUN)/play.mp4
+	@echo "After 80 minutes it looks like this: $(BIN)/spin-play policy=nav-cvo"
 
 # Whole files go to a process, which keeps what their tests share; both fill one cache of compiled kernels.
 test: setup

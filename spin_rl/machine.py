@@ -7,15 +7,18 @@ import platform
 import subprocess
 from pathlib import Path
 
-import torch
-
 from spin_rl.paths import CONF_DIR
+
+_DRIVERS = ("/dev/nvidiactl", "/dev/dxg", "/dev/kfd")
+"""What the drivers of NVIDIA, of Windows' subsystem for Linux and of AMD put there."""
 
 
 def hardware(device: str) -> str:
     """Describe the machine, such as "AMD EPYC, 2 cores, no GPU used"."""
     gpu = "no GPU used"
     if device != "cpu":
+        import torch
+
         gpu = torch.cuda.get_device_name(device)
     return f"{_cpu_model()}, {num_cores()} cores, {gpu}"
 
@@ -23,6 +26,20 @@ def hardware(device: str) -> str:
 def num_cores() -> int:
     """CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def has_gpu_driver() -> bool:
+    """Whether the system has a driver for GPUs; there may be none that works all the same."""
+    return any(Path(driver).exists() for driver in _DRIVERS)
+
+
+def num_gpus() -> int:
+    """GPUs that Torch can use; it is not imported where there is no driver for any."""
+    if not has_gpu_driver():
+        return 0
+    import torch
+
+    return torch.cuda.device_count() if torch.cuda.is_available() else 0
 
 
 def commit() -> str | None:

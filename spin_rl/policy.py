@@ -1,12 +1,20 @@
-"""What whoever runs a policy asks of it, be it to measure it or to show it."""
+"""What whoever runs a policy asks of it, be it to measure it or to show it, and where policies are."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from typing import Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
-import torch
-from tensordict import TensorDict
+from spin_rl import paths
+
+if TYPE_CHECKING:
+    import torch
+    from tensordict import TensorDict
+
+METADATA_KEY = "spin_rl"
+"""Of a policy file's header, what this project has written there."""
 
 
 class Policy(Protocol):
@@ -21,5 +29,38 @@ class Policy(Protocol):
         ...
 
 
-PolicyFactory = Callable[[TensorDict, str], Policy]
+PolicyFactory = Callable[["TensorDict", str], Policy]
 """Makes a policy for the observations and device of an environment."""
+
+
+def find_policy(name_or_path: str | Path) -> Path:
+    """Return an existing path as it is, else that of the shipped policy of this name.
+
+    Raises:
+        FileNotFoundError: There is neither; the message lists the shipped ones.
+    """
+    path = Path(name_or_path)
+    if path.exists():
+        return path
+    shipped = paths.POLICY_DIR / f"{name_or_path}.safetensors"
+    if shipped.is_file():
+        return shipped
+    names = ", ".join(sorted(file.stem for file in paths.POLICY_DIR.glob("*.safetensors"))) or "none"
+    raise FileNotFoundError(
+        f"There is no policy '{name_or_path}': neither a path nor a shipped one ({names})."
+    )
+
+
+def task_in_header(path: Path) -> str | None:
+    """Read in a policy file's header which task the policy was trained in, without Torch.
+
+    None for other files, and where the header does not say; whoever opens the policy finds out why.
+    """
+    import safetensors
+
+    try:
+        with safetensors.safe_open(path, framework="numpy") as file:
+            config = json.loads((file.metadata() or {})[METADATA_KEY])["config"]
+        return str(config["task"]["name"])
+    except (safetensors.SafetensorError, OSError, ValueError, KeyError, TypeError):
+        return None

@@ -83,6 +83,15 @@ GRASP_CENTER_SITE = "link_grasp_center"
 CAMERA_SITE = "camera_depth_optical_frame"
 """Site between the fingertips; its x axis points out of the gripper, towards what it reaches for."""
 
+HAND_Z_M, HAND_AHEAD_M, HAND_BELOW_M = 0.1395, 0.264359, 0.024
+"""At the zero pose, height of the wrist's pitch joint, and the grasp centre from there, by the MJCF."""
+
+BASE_X_M, BASE_HALF_WIDTH_M, BASE_TOP_M = (-0.288, 0.059), 0.182, 0.20
+"""The base's box in its own frame, with the laser on top."""
+
+HEAD_X_M, HEAD_Z_M = 0.0061, 1.36
+"""The head's pan axis in the base frame, and about how high the camera is."""
+
 STOWED: Mapping[str, float] = MappingProxyType(
     {
         "lift": 0.35,

@@ -16,7 +16,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 PANELS = (
     ("Episode/success_rate", "success rate in training", True),
     ("Episode/level", "curriculum level (1: benchmark width)", False),
-    ("Episode/mean_return", "episode return", True),
+    ("Train/mean_reward", "episode return", True),
     ("Episode/collision_rate", "collision rate in training", True),
 )
 WINDOW = 25

@@ -16,11 +16,11 @@ from spin_rl.benchmark.rounds import Announce, Report, check_counts, describe_ta
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES
 from spin_rl.scenes.objects.shapes import OBJECTS
-from spin_rl.tasks.common.objects.choice import ANY_OBJECT, object_names
-from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.common.objects.config import ANY_OBJECT, object_names
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
 from spin_rl.tasks.fetch.results import FetchEpisodes, record_views
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, STAGES
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES
 
 PART_STAGES = {"reach": ("reach",), "pick": ("align", "pick"), "place": ("retract", "carry", "place")}
 """Part of the paper's table -> the stages whose time it takes."""

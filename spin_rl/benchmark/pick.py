@@ -13,7 +13,7 @@ from spin_rl.benchmark.metrics import Episodes, PickEpisodes, summarize_picks
 from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_rounds, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.objects.shapes import OBJECTS
-from spin_rl.tasks.common.objects.choice import ANY_OBJECT, object_names
+from spin_rl.tasks.common.objects.config import ANY_OBJECT, object_names
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv
 

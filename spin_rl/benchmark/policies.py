@@ -1,52 +1,27 @@
-"""What can be evaluated: policy files, and two that learned nothing."""
+"""What can be evaluated: policy files, and what learned nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import torch
-from tensordict import TensorDict
-
-from spin_rl import robot
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
-from spin_rl.policy import PolicyFactory
-from spin_rl.runners.policy_file import read_policy
+from spin_rl.deferred import Deferred
+from spin_rl.policy import PolicyFactory, find_policy
 from spin_rl.tasks.registry import TaskSpec
 
 SHIPPED = {"pick": {False: "pick-teacher", True: "pick-depth"}}
 """Key -> which shipped policy that is if none is named, by whether the one that drives reads images."""
 
 
-class ZeroPolicy:
-    """Stands still."""
-
-    def __call__(self, obs: TensorDict) -> torch.Tensor:
-        """Return zeros, shape (num_envs, 10)."""
-        return torch.zeros(obs.batch_size[0], len(robot.ACTIONS), device=obs.device)
-
-    def reset(self, dones: torch.Tensor | None = None) -> None:
-        """Do nothing: there is no state."""
-
-
-class RandomPolicy(ZeroPolicy):
-    """Draws every action uniformly from [-1, 1]."""
-
-    def __init__(self, device: str, seed: int = 0) -> None:
-        self._rng = torch.Generator(device).manual_seed(seed)
-
-    def __call__(self, obs: TensorDict) -> torch.Tensor:
-        """Return actions, shape (num_envs, 10)."""
-        shape = (obs.batch_size[0], len(robot.ACTIONS))
-        return torch.rand(shape, generator=self._rng, device=self._rng.device) * 2.0 - 1.0
-
-
 UNTRAINED: Mapping[str, PolicyFactory] = MappingProxyType(
-    {"zero": lambda obs, device: ZeroPolicy(), "random": lambda obs, device: RandomPolicy(device)}
+    {
+        "zero": lambda obs, device: Deferred("spin_rl.benchmark.untrained:ZeroPolicy")(),
+        "random": lambda obs, device: Deferred("spin_rl.benchmark.untrained:RandomPolicy")(device),
+    }
 )
 """What acts in any task without having learned, by name."""
 
@@ -82,16 +57,30 @@ def open_policy(name: str, key: str = "policy") -> PolicySource:
     Raises:
         ConfigError: There is no such policy, or it is damaged.
     """
+    check_name(name, key)
     if name in UNTRAINED:
         return PolicySource({key: name}, {}, UNTRAINED[name])
+    from spin_rl.runners.policy_file import read_policy
+
     try:
         policy = read_policy(name)
-    except FileNotFoundError as error:
-        untrained = "" if Path(name).exists() else f" Always there: {', '.join(UNTRAINED)}."
-        raise ConfigError(f"{key}: {error}{untrained}") from None
-    except ValueError as error:
+    except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"{key}: {error}") from None
     return PolicySource({key: name}, policy.config, policy.build)
+
+
+def check_name(name: str, key: str = "policy") -> None:
+    """Reject the name of a policy that there is none of, before Torch is imported.
+
+    Raises:
+        ConfigError: One line that names the key and the shipped policies.
+    """
+    if name in UNTRAINED:
+        return
+    try:
+        find_policy(name)
+    except FileNotFoundError as error:
+        raise ConfigError(f"{key}: {error} Always there: {', '.join(UNTRAINED)}.") from None
 
 
 def open_for(

@@ -64,7 +64,7 @@ def evaluate_reach(
 
     Returns:
         `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scenario` and `difficulty`), and
-        the settings under which the rows were measured.
+        the settings under which the rows were measured; `alike` where all episodes were the same one.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds.
@@ -84,6 +84,12 @@ def evaluate_reach(
         report=report,
         watch=watch,
     )
+    if scene is not None and are_alike(groups[0]):
+        facts["alike"] = True
+        report(
+            f"scene: all {len(groups[0].outcome)} episodes are the same one, so the interval means nothing: "
+            "policy, start and dynamics are fixed; starts=50 draws different trips"
+        )
     rows = [
         {"scenario": cell.scenario, "difficulty": cell.difficulty}
         | summarize_drives(group, cfg.sim.control_period)
@@ -97,6 +103,12 @@ def evaluate_reach(
         **describe_drives(cfg),
         **facts,
     }
+
+
+def are_alike(episodes: DriveEpisodes) -> bool:
+    """Whether several episodes are one and the same, to the last bit of where they ended."""
+    ends = (episodes.outcome, episodes.steps, episodes.distance, episodes.driven)
+    return len(episodes.outcome) > 1 and all(np.ptp(values) == 0 for values in ends)
 
 
 def in_usual_pool(scene: Scene) -> Scene:

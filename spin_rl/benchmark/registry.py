@@ -8,16 +8,12 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from spin_rl.benchmark.fetch import evaluate_fetch
-from spin_rl.benchmark.pick import evaluate_pick
-from spin_rl.benchmark.reach import evaluate_reach
-from spin_rl.benchmark.rooms import evaluate_rooms
-from spin_rl.benchmark.scenes import evaluate_scenes
 from spin_rl.benchmark.tables import fetch as fetch_report
 from spin_rl.benchmark.tables import pick as pick_report
 from spin_rl.benchmark.tables import reach as report
 from spin_rl.benchmark.tables import rooms as places
-from spin_rl.config import ConfigError
+from spin_rl.config import ConfigError, short
+from spin_rl.deferred import Deferred
 
 
 @dataclass(frozen=True)
@@ -47,19 +43,49 @@ class Benchmark:
     families: bool = False
 
 
+def _run(module: str, name: str) -> Callable[..., dict[str, Any]]:
+    return Deferred(f"spin_rl.benchmark.{module}:{name}")
+
+
 _ALL = (
-    Benchmark("reach", "nav", "nav", evaluate_reach, report.table, report.headline, scene_files=True),
-    Benchmark("rooms", "nav", "mixture", evaluate_rooms, places.table, places.headline, families=True),
     Benchmark(
-        "scenes", "nav", "nav", evaluate_scenes, places.scenes_table, places.headline, scene_files=True
+        "reach",
+        "nav",
+        "nav",
+        _run("reach", "evaluate_reach"),
+        report.table,
+        report.headline,
+        scene_files=True,
     ),
-    Benchmark("pick", "pick", "tabletop", evaluate_pick, pick_report.table, pick_report.headline),
-    Benchmark("fetch", "fetch", "fetch", evaluate_fetch, fetch_report.table, fetch_report.headline),
+    Benchmark(
+        "rooms",
+        "nav",
+        "mixture",
+        _run("rooms", "evaluate_rooms"),
+        places.table,
+        places.headline,
+        families=True,
+    ),
+    Benchmark(
+        "scenes",
+        "nav",
+        "nav",
+        _run("scenes", "evaluate_scenes"),
+        places.scenes_table,
+        places.headline,
+        scene_files=True,
+    ),
+    Benchmark(
+        "pick", "pick", "tabletop", _run("pick", "evaluate_pick"), pick_report.table, pick_report.headline
+    ),
+    Benchmark(
+        "fetch", "fetch", "fetch", _run("fetch", "evaluate_fetch"), fetch_report.table, fetch_report.headline
+    ),
     Benchmark(
         "place",
         "fetch",
         "fetch",
-        partial(evaluate_fetch, benchmark="place"),
+        partial(_run("fetch", "evaluate_fetch"), benchmark="place"),
         fetch_report.place_table,
         report.headline,
     ),
@@ -83,8 +109,8 @@ def find(name: str | None, task: str, *, families: bool = False) -> Benchmark:
         if not own:
             raise ConfigError(f"benchmark: there is none of task={task}")
         return own[0]
-    if name not in BENCHMARKS:
-        raise ConfigError(f"benchmark: unknown {name!r}; choose from {', '.join(BENCHMARKS)}")
+    if not isinstance(name, str) or name not in BENCHMARKS:
+        raise ConfigError(f"benchmark: unknown {short(name)}; choose from {', '.join(BENCHMARKS)}")
     if BENCHMARKS[name].task != task:
         raise ConfigError(f"benchmark: {name} measures task={BENCHMARKS[name].task}, not task={task}")
     return BENCHMARKS[name]

@@ -66,9 +66,11 @@ def run_seeds(
 
     Returns:
         The episodes of every condition, those of all seeds together; and what every benchmark's result tells
-        of the measurement: task, seeds, worlds, device, overflows, commit, seconds.
+        of the measurement: task, seeds, worlds, device, overflows, commit, seconds. After Ctrl-C they are of
+        the seeds that were finished, and it tells of that too (`stopped`).
 
     Raises:
+        KeyboardInterrupt: It came before a seed was finished.
         ConfigError: Too few worlds for one that looks on.
     """
     start = time.monotonic()
@@ -78,13 +80,22 @@ def run_seeds(
     policy = make_policy(env.get_observations(), device)
     env.health.clear()
     per_seed = []
+    stopped = False
     for seed in seeds:
         env.reseed(SEED_OFFSET + seed)
         watched = policy if watch is None else watch(env, policy, seed)
-        per_seed.append(run_seed(env, watched, lambda line, seed=seed: report(f"  seed {seed}: {line}")))
+        try:
+            per_seed.append(run_seed(env, watched, lambda line, seed=seed: report(f"  seed {seed}: {line}")))
+        except KeyboardInterrupt:
+            if not per_seed or watch is not None:  # what one looking on has seen cannot be undone
+                raise
+            stopped = True
+            report(f"  seed {seed}: interrupted; what follows is of the seeds before it")
+            break
     groups = [Episodes.concatenate(list(group)) for group in zip(*per_seed, strict=True)]
     return groups, {
-        "seeds": list(seeds),
+        "seeds": list(seeds)[: len(per_seed)],
+        **({"stopped": True} if stopped else {}),
         "num_envs": nworld,
         "device": device,
         "overflows": {name: count for name, count in env.health.read().items() if count},

@@ -8,7 +8,7 @@ from typing import Any, cast
 from omegaconf import OmegaConf
 
 from spin_rl.config import ConfigError
-from spin_rl.models.groups import OBJECT
+from spin_rl.groups import OBJECT
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common.config import TaskConfig
 

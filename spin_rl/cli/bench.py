@@ -13,14 +13,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-import torch
-
 from spin_rl.cli import common
-from spin_rl.config import POSITIVE, Choice, ConfigError, Range, from_keys
+from spin_rl.cli.train import Algorithm
+from spin_rl.config import Choice, ConfigError, Range, check_value, from_keys, from_mapping
 from spin_rl.files import write_json
-from spin_rl.machine import num_cores
+from spin_rl.machine import num_cores, num_gpus
+from spin_rl.ranges import NumEnvs, Seed
 from spin_rl.speed import rows as throughput
-from spin_rl.speed.timing import Stopwatch
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.nav.spec import NAV
 
@@ -29,7 +28,7 @@ SUBJECTS = ("visibility", "depth", "env", "update", "train", "places", "deploy")
 _OWN_KEYS = ("what", "device", "seconds", "world_counts", "processes", "out")
 _BUSY_LOAD = 0.5
 
-Count = Annotated[int, Range(1)]
+Processes = Annotated[int, Range(1, 1024)]
 
 
 @dataclass(frozen=True)
@@ -49,11 +48,11 @@ class Options:
     """
 
     what: Annotated[str, Choice((*SUBJECTS, "all"))]
-    num_envs: Count
-    seed: int
-    seconds: Annotated[float, POSITIVE]
-    world_counts: tuple[Count, ...] | None
-    processes: Count
+    num_envs: NumEnvs
+    seed: Seed
+    seconds: Annotated[float, Range(0.0, 100_000.0, above=True)]
+    world_counts: tuple[NumEnvs, ...] | None
+    processes: Processes
     out: Path | None
     device: str
     overrides: tuple[str, ...]
@@ -61,14 +60,17 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-bench` command."""
-    common.run("bench", bench, lambda given: (common.with_preset(given, torch.cuda.is_available()), None))
+    keys = common.keys_of(Options, common.GROUPS | {"teacher"})
+    common.run("bench", bench, lambda given: (common.with_preset(given), None), keys)
 
 
 def bench(call: common.Call) -> None:
     """Measure what was asked for, print the table and write the JSON."""
+    options = read_options(call.values, call.overrides)
     values = with_depth(call.values)
-    options = read_options(values, call.overrides)
     if options.device == "cpu":
+        import torch
+
         torch.set_num_threads(1)  # as in training
     _warn_if_busy()
     rows = _measure(values, options)
@@ -85,13 +87,15 @@ def bench(call: common.Call) -> None:
     print(throughput.table(rows))
     headline = ", ".join(f"{row.name} {row.value:,.4g} {row.unit}" for row in rows[:1])
     if options.out is None:
-        print(f"Wrote nothing, out=<file.json> keeps the figures: {headline}")
+        print(f"{headline} (out=<file.json> keeps the figures)")
         return
     write_json(options.out, result)
     print(f"Wrote {options.out}: {len(rows)} rows, {headline}")
 
 
 def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
+    import torch
+
     from spin_rl.speed import (
         depth as depth_speed,
     )
@@ -110,6 +114,7 @@ def _measure(values: dict[str, Any], options: Options) -> list[throughput.Row]:
     from spin_rl.speed import (
         update as update_speed,
     )
+    from spin_rl.speed.timing import Stopwatch
     from spin_rl.tasks.nav.env import NavEnv
 
     task, runner = NAV.configure(values), values["runner"]
@@ -208,16 +213,20 @@ def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> Options
     """
     found = {"device": common.resolve_device(values["device"]), "overrides": tuple(overrides)}
     options = from_keys(Options, {**values, **found})
-    if "teacher" in values["runner"]["algorithm"]:
+    from_mapping(Algorithm, values["algo"], "algo")
+    if "teacher" in check_value(dict[str, Any], values["runner"].get("algorithm"), "runner.algorithm"):
         name = values["algo"]["name"]
         raise ConfigError(
             f"algo: {name} learns from a teacher, which is not measured; use cvo or direct_depth"
         )
-    if options.device != "cpu" and options.processes > torch.cuda.device_count():
-        raise ConfigError(
-            f"processes: {torch.cuda.device_count()} GPUs found, one for each process is needed"
-        )
+    if options.device != "cpu" and options.processes > num_gpus():
+        raise ConfigError(f"processes: {num_gpus()} GPUs found, one for each process is needed")
+    NAV.configure(values)
     common.make_folder_of(options.out, "bench.json")
+
+    from spin_rl.runners.config import check_config
+
+    check_config(values["runner"], NAV.groups, options.num_envs)
     return options
 
 

@@ -3,33 +3,44 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import re
+import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any
+from types import FrameType, MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any
 
 import hydra
-import torch
-import warp as wp
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException, OverrideParseException
+from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from spin_rl.benchmark.policies import PolicySource
-from spin_rl.config import ConfigError, Means
+from spin_rl.cli import help_text, refusals
+from spin_rl.config import ConfigError, Means, check_value
+from spin_rl.files import check_writable, reason
+from spin_rl.machine import num_gpus
 from spin_rl.paths import CONF_DIR
-from spin_rl.scenes.layout import Scene
-from spin_rl.scenes.scene_file import find_scene, load_scene
+from spin_rl.ranks import read_ranks
 from spin_rl.tasks.common.compose import compose, plain
 
+if TYPE_CHECKING:
+    from spin_rl.benchmark.policies import PolicySource
+    from spin_rl.scenes.layout import Scene
+
 PolicyName = Annotated[str, Means("a name, checkpoint, run directory, .safetensors file, zero or random")]
+GROUPS = frozenset({"robot", "scene", "reward", "sim", "depth", "task", "algo", "runner"})
+"""Keys at the top of a configuration that hold mappings."""
+TASK_GROUPS = GROUPS - {"algo", "runner"}
+"""Those that say what a task is like."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
 RENAMED = {"baseline": "camera"} | {
     f"camera.{key}": f"camera_analysis.{key}" for key in ("tilts", "blind", "cells")
 }
@@ -38,10 +49,8 @@ RENAMED = {"baseline": "camera"} | {
 USER_ERRORS = (
     ConfigError,
     ValueError,
-    FileNotFoundError,
-    FileExistsError,
-    NotADirectoryError,
-    PermissionError,
+    OSError,
+    FloatingPointError,
     HydraException,
     OmegaConfBaseException,
 )
@@ -62,45 +71,60 @@ class Call:
     opened: PolicySource | None = None
 
 
-Completed = tuple[list[str], PolicySource | None]
+Completed = tuple[list[str], "PolicySource | None"]
 """Overrides with those that follow from them, and the policy that was opened to know which do."""
+
+
+Body = Callable[[Call], bool | None]
+"""A command; returns True where it was asked to stop, which also ends a sweep."""
 
 
 def run(
     name: str,
-    body: Callable[[Call], None],
+    body: Body,
     complete: Callable[[list[str]], Completed],
+    keys: frozenset[str],
     refused: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Run a command: compose its configuration of the command line's overrides and call `body`.
 
-    Exits with status 2 and one line on standard error when the configuration or input is bad; with Hydra's
+    Exits with status 2 and one line on standard error when the configuration or input is bad, and with 130
+    and one line after Ctrl-C or SIGTERM, unless the command has its own way to end; with Hydra's
     HYDRA_FULL_ERROR=1 in the environment, with the traceback. Hydra itself runs the command only where it is
-    given its own flags or settings, such as `--help`, `-m` or `hydra.sweep.dir`.
+    given its own flags or settings, such as `-m`, `--cfg=job` or `hydra.sweep.dir`.
 
     Args:
         name: Configuration file in conf/, also the command's name after `spin-`.
         body: The command.
         complete: Appends the overrides that follow from those given.
+        keys: What its configuration has at the top; see `keys_of`.
         refused: Arguments that this command cannot take, and why.
     """
     arguments = sys.argv[1:]
-    with _one_line_errors(name):
+    sys.path.append(os.getcwd())  # for rewards of one's own; last, so that nothing here hides a package
+    if help_text.is_asked_for(arguments):
+        print(help_text.of(name))
+        return
+    with _orderly_end(name):
         for argument in arguments:
             _refuse(argument, refused)
         overrides, opened = complete(arguments)
         if not any(_is_of_hydra(argument) for argument in arguments):
-            body(Call(compose(name, overrides), overrides, opened))
+            values = compose(name, overrides)
+            check_keys(name, values, keys)
+            body(Call(values, overrides, opened))
             return
 
         def job(cfg: DictConfig) -> None:
-            with _one_line_errors(name):
-                body(Call(plain(cfg), HydraConfig.get().overrides.task, opened))
+            with _orderly_end(name):
+                values = plain(cfg)
+                check_keys(name, values, keys)
+                if body(Call(values, HydraConfig.get().overrides.task, opened)):
+                    sys.exit(INTERRUPTED)
 
-        # Hydra reads these, and wants overrides side by side: behind a flag, further ones are unknown to it.
-        given = [i for i, argument in enumerate(arguments) if "=" in argument and argument[0] != "-"]
-        end = max(given, default=-1) + 1
-        sys.argv[1:] = [*overrides[:end], *overrides[len(arguments) :], *overrides[end : len(arguments)]]
+        # Hydra reads these, and wants overrides side by side, before flags that may take the next word.
+        flags = [argument for argument in overrides if not _is_override(argument)]
+        sys.argv[1:] = [*filter(_is_override, overrides), *flags]
         hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=name)(job)()
 
 
@@ -117,20 +141,54 @@ def _is_of_hydra(argument: str) -> bool:
     return argument.startswith("-") or argument.lstrip("+~").startswith(("hydra.", "hydra/"))
 
 
+def _is_override(argument: str) -> bool:
+    return argument[:1] != "-" and ("=" in argument or argument[:1] == "~")
+
+
+def keys_of(options: type, groups: Collection[str]) -> frozenset[str]:
+    """What the configuration of a command has at the top: the fields of its options, and groups."""
+    return frozenset({*(field.name for field in dataclasses.fields(options)), *groups})
+
+
+def check_keys(name: str, values: Mapping[str, Any], keys: frozenset[str]) -> None:
+    """Reject what nothing reads, what is missing, and what is in the place of a group.
+
+    Raises:
+        ConfigError: One line that names the key.
+    """
+    for key in values:
+        if key not in keys:
+            raise ConfigError(refusals.unknown_key(key, name))
+    for key in GROUPS:
+        if key in keys:
+            check_value(dict[str, Any], values.get(key), key)
+    for key in keys - GROUPS - {"overrides"}:
+        if key not in values:
+            raise ConfigError(f"{key}: a value is needed")
+
+
 @contextlib.contextmanager
-def _one_line_errors(name: str) -> Iterator[None]:
+def _orderly_end(name: str) -> Iterator[None]:
+    """Turn what a user can cause into one line and an exit status."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, stop) if is_main_thread else None
     try:
         yield
+    except KeyboardInterrupt:
+        print(f"\nspin-{name}: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
     except USER_ERRORS as error:
         if os.environ.get("HYDRA_FULL_ERROR") == "1":
             raise
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        # Hydra's advice on its own internals helps no one here.
-        reason = " ".join(line for line in lines if "HYDRA_FULL_ERROR" not in line) or type(error).__name__
-        if isinstance(error, OverrideParseException):  # its message shows a part only
-            reason = f"{error.override}: {reason}"
-        print(f"spin-{name}: error: {reason}", file=sys.stderr)
+        print(f"spin-{name}: error: {refusals.reason(error, name, sys.argv[1:])}", file=sys.stderr)
         sys.exit(2)
+    finally:
+        if is_main_thread:
+            signal.signal(signal.SIGTERM, before)
 
 
 def resolve_device(device: str) -> str:
@@ -141,9 +199,9 @@ def resolve_device(device: str) -> str:
     Raises:
         ConfigError: The device does not exist here.
     """
-    rank = int(os.environ.get("LOCAL_RANK", "0"))
+    rank = read_ranks().local_rank
     if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
+        device = "cuda" if num_gpus() else "cpu"
     if device == "cpu":
         return device
     if device == "cuda":
@@ -151,22 +209,29 @@ def resolve_device(device: str) -> str:
     match = re.fullmatch(r"cuda:(\d+)", str(device))
     if match is None:
         raise ConfigError(f"device: unknown device {device!r}; use auto, cpu or cuda:0")
-    index = int(match[1])
-    if not torch.cuda.is_available() or index >= torch.cuda.device_count():
-        raise ConfigError(f"device: {device} is not available here; {torch.cuda.device_count()} GPUs found")
+    index, gpus = int(match[1]), num_gpus()
+    if index >= gpus:
+        raise ConfigError(f"device: {device} is not available here; {gpus} GPUs found")
     return f"cuda:{index}"
 
 
-def with_preset(arguments: list[str], has_gpu: bool, group: str = "preset") -> list[str]:
+def with_preset(arguments: list[str], group: str = "preset") -> list[str]:
     """Add `preset=gpu`, or another group's, where the command will run on a GPU and no preset is named."""
     given = {key: value for key, _, value in (argument.partition("=") for argument in arguments)}
-    on_gpu = given.get("device", "auto") != "cpu" and has_gpu
-    return [*arguments, f"{group}=gpu"] if on_gpu and group not in given else arguments
+    if group in given or given.get("device", "auto") == "cpu" or not num_gpus():
+        return arguments
+    return [*arguments, f"{group}=gpu"]
 
 
 def scene_file_argument(argument: str) -> str:
-    """Turn `scene=<file>` into `scene_file=<file>`: `scene` is also a group, so Hydra would refuse a file."""
+    """Turn `scene=<file>` into `scene_file=<file>`: `scene` is also a group, so Hydra would refuse a file.
+
+    Raises:
+        ConfigError: It names several files.
+    """
     key, _, value = argument.partition("=")
+    if key in ("scene", "scene_file") and value.startswith("["):
+        raise ConfigError(f"{key}: takes one file at a time, got {value}; benchmark=scenes takes all shipped")
     names_file = value.endswith((".yaml", ".yml")) or ("/" in value and Path(value).is_file())
     return f"scene_file={value}" if key == "scene" and names_file else argument
 
@@ -179,16 +244,16 @@ def make_folder_of(out: Path | None, example: str) -> None:
         example: File name for the message about a folder.
 
     Raises:
-        ConfigError: It is a folder, or its folder cannot be made.
+        ConfigError: It is a folder or something else that is no file, or cannot be written.
     """
     if out is None:
         return
-    if out.is_dir():
-        raise ConfigError(f"out: {out} is a folder; name a file such as {out / example}")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.is_dir():
+            raise ConfigError(f"out: {out} is a folder; name a file such as {out / example}")
+        check_writable(out)
     except OSError as error:
-        raise ConfigError(f"out: cannot make the folder {out.parent}: {error.strerror}") from None
+        raise ConfigError(f"out: cannot write {reason(error)}") from None
 
 
 def load_scene_file(name: Path | None) -> Scene | None:
@@ -197,18 +262,21 @@ def load_scene_file(name: Path | None) -> Scene | None:
     Raises:
         ConfigError: There is no such file, or it is no scene.
     """
-    return None if name is None else load_scene(find_scene(name))
+    if name is None:
+        return None
+    from spin_rl.scenes.scene_file import find_scene, load_scene
+
+    return load_scene(find_scene(name))
 
 
 def is_main_process() -> bool:
     """Whether this process is the one that prints and writes, under torchrun or alone."""
-    return os.environ.get("RANK", "0") == "0"
+    return read_ranks().is_main
 
 
 @contextlib.contextmanager
 def announced(what: str) -> Iterator[None]:
     """Announce work that may compile kernels, and show that it goes on while it does."""
-    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     if not is_main_process():
         yield
         return

@@ -18,18 +18,17 @@ import numpy as np
 
 from spin_rl import __version__
 from spin_rl.config import POSITIVE, ConfigError, Range, from_mapping
-from spin_rl.deploy.agent import Agent
 from spin_rl.deploy.backends import BACKENDS, open_backend
+from spin_rl.deploy.fetch.agent import files_of, open_agent
 from spin_rl.deploy.log import RunLog, pack, read_log
-from spin_rl.deploy.loop import ControlLoop, Outcome
-from spin_rl.deploy.network import Network
+from spin_rl.deploy.loop import DONE, ControlLoop, Outcome
 from spin_rl.deploy.replay import replay
 
 _ROBOT = "robot."
 USAGE = f"""spin-deploy policy=<file.onnx> backend=<{"|".join(BACKENDS)}|a module> [key=value ...]
 spin-deploy replay=<log>
 
-  policy       file that spin-export wrote
+  policy       file that spin-export wrote, or the folder of a fetch
   backend      robot to drive; robot.<key>=<value> are its settings, for mujoco robot.scene=<file.yaml>
   goal         where to drive, in the frame of the odometry [m]; a scene has its own
   object       where the object to pick is, in the frame of the base [m]: [x,y,z]
@@ -38,7 +37,7 @@ spin-deploy replay=<log>
   log          <file.jsonl> to write, to be replayed later
   replay       <file.jsonl> runs what it holds through the policy again, which must give the same actions
 
-Ctrl-C stops the robot. Status: 0 arrived, 1 time is over or a replay that differs, 2 refused, 3 stopped.
+Ctrl-C stops the robot. Status: 0 arrived or placed, 1 time is over or replay differs, 2 refused, 3 stopped.
 """
 
 
@@ -107,18 +106,17 @@ def _value(text: str) -> Any:
 
 def _deploy(options: Options, settings: dict[str, Any]) -> int:
     assert options.policy is not None and options.backend is not None
-    network = Network(options.policy)
-    agent = Agent(network, options.speed_scale)
-    robot = open_backend(options.backend, settings, network.contract)
+    agent = open_agent(options.policy, options.speed_scale)
+    robot = open_backend(options.backend, settings, agent.contract)
     log = None
     try:
         connection = robot.connect()
         if options.log is not None:
-            log = RunLog(options.log, _facts(options, settings, network))
+            log = RunLog(options.log, _facts(options, settings, agent.contract.name))
         loop = ControlLoop(robot, connection, agent, log)
-        goal = options.goal or connection.goal
-        print(f"{network.contract.name} drives {options.backend}; Ctrl-C stops it", flush=True)
-        outcome = loop.run(options.max_s, _point(goal), _point(options.object))
+        goal, thing = options.goal or connection.goal, options.object or connection.object_b
+        print(f"{agent.contract.name} drives {options.backend}; Ctrl-C stops it", flush=True)
+        outcome = loop.run(options.max_s, _point(goal), _point(thing))
     finally:
         robot.close()
         if log is not None:
@@ -126,17 +124,16 @@ def _deploy(options: Options, settings: dict[str, Any]) -> int:
     print(_summary(outcome))
     if options.log is not None:
         print(f"Wrote {options.log}")
-    return 3 if outcome.stopped else 0 if outcome.reason == "arrived" else 1
+    return 3 if outcome.stopped else 0 if outcome.reason in DONE else 1
 
 
 def _replay(options: Options) -> int:
     assert options.replay is not None
     run = read_log(options.replay)
     path = options.policy or Path(run.facts["policy"])
-    network = Network(path)
     if _digest(path) != run.facts["sha256"]:
         print(f"warning: {path} is not the file that ran then", file=sys.stderr)
-    result = replay(run, Agent(network, run.facts["speed_scale"]))
+    result = replay(run, open_agent(path, run.facts["speed_scale"]))
     ended = run.end["reason"] if run.end is not None else "nobody wrote how it ended"
     print(f"{options.replay}: {result.steps} steps ({ended})")
     print(f"largest difference: actions {result.action_error:.2e}, commands {result.command_error:.2e}")
@@ -144,13 +141,13 @@ def _replay(options: Options) -> int:
     return 0 if result.agrees else 1
 
 
-def _facts(options: Options, settings: dict[str, Any], network: Network) -> dict[str, Any]:
+def _facts(options: Options, settings: dict[str, Any], name: str) -> dict[str, Any]:
     """What a log tells of the run beside its steps."""
     assert options.policy is not None
     return {
         "program": __version__,
         "policy": str(options.policy.resolve()),
-        "name": network.contract.name,
+        "name": name,
         "sha256": _digest(options.policy),
         "speed_scale": options.speed_scale,
         "options": {key: str(value) for key, value in asdict(options).items() if value is not None},
@@ -169,7 +166,7 @@ def _point(values: Sequence[float] | None) -> np.ndarray | None:
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files_of(path))).hexdigest()
 
 
 if __name__ == "__main__":

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
-
-import torch
+from typing import TYPE_CHECKING, Annotated, Any
 
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import check_task
 from spin_rl.cli import common, run_folder, task_choice
-from spin_rl.config import Choice, ConfigError
-from spin_rl.runners.checkpoint import resolve_checkpoint
-from spin_rl.runners.distillation.runner import DistillRunner, check_distillation
-from spin_rl.runners.distillation.student import student_config
-from spin_rl.runners.interface import Camera
-from spin_rl.runners.model_copy import copy_model
-from spin_rl.runners.policy_file import TrainedPolicy
-from spin_rl.runners.remote.runner import AsyncDistillRunner, CollectorError, RemoteEnv
+from spin_rl.cli.resume import to_keep, with_settings_of_run
+from spin_rl.config import Choice, ConfigError, check_value
+from spin_rl.ranks import read_ranks
 from spin_rl.tasks.common.compose import with_depth
 from spin_rl.tasks.common.config import TaskConfig
-from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.registry import TaskSpec, find_task
+
+if TYPE_CHECKING:
+    from spin_rl.runners.distillation.runner import DistillRunner
+    from spin_rl.runners.policy_file import TrainedPolicy
+    from spin_rl.tasks.common.env import TaskEnv
 
 MODES = ("sync", "async")
 
@@ -44,34 +40,54 @@ def main() -> None:
     """Entry point of the `spin-distill` command."""
 
     def complete(given: list[str]) -> common.Completed:
-        given = common.with_preset(given, torch.cuda.is_available(), "distill_preset")
+        given = with_settings_of_run(given) or common.with_preset(given, "distill_preset")
         return task_choice.with_task(given, "teacher")
 
-    common.run("distill", distill, complete, task_choice.UNTRAINABLE)
+    keys = common.keys_of(Options, common.GROUPS - {"algo"})
+    common.run("distill", distill, complete, keys, task_choice.UNTRAINABLE)
 
 
-def distill(call: common.Call) -> None:
+def distill(call: common.Call) -> bool:
     """Run one distillation to its limit of iterations or minutes and write its summary.
 
     Writes into the run's folder what `spin-train` does. Bad settings are found before anything is written or
     compiled.
     """
     options = run_folder.read_options(Options, call.values, call.overrides)
-    if options.mode == "async" and os.environ.get("WORLD_SIZE", "1") != "1":
+    if options.mode == "async" and read_ranks().parallel:
         raise ConfigError("mode: async has two processes of its own; under torchrun use sync")
+    find_task(call.values["task"].get("name")).check(call.values)
     teacher = run_folder.open_source("teacher", options.teacher)
     start = None if options.init is None else run_folder.open_source("init", options.init)
     values = _configure(call, options, teacher)
     spec = find_task(values["task"]["name"])
     task = spec.configure(values)
-    rank = int(os.environ.get("RANK", "0"))
-    checkpoint = None if options.resume is None else resolve_checkpoint(options.resume)
-    run_dir = run_folder.find(options, checkpoint)
-    if options.device == "cpu" and "WORLD_SIZE" not in os.environ:
+    checkpoint = run_folder.find_start(options)
+    ranks = read_ranks()
+    make = partial(make_env, spec, task, options.num_envs, options.device, options.seed + 10_000 * ranks.rank)
+    with run_folder.claimed(options, checkpoint) as run_dir:
+        with run_folder.videos(options, task, run_dir):
+            summary = _train(options, make, values, start, checkpoint, run_dir)
+        run_folder.write_results(run_dir, summary, options)
+    return run_folder.was_stopped(summary)
+
+
+def _train(
+    options: Options,
+    make: Callable[[], TaskEnv],
+    values: dict[str, Any],
+    start: TrainedPolicy | None,
+    checkpoint: Path | None,
+    run_dir: Path,
+) -> dict[str, Any]:
+    """Make worlds and models and train; return the summary."""
+    import torch
+
+    from spin_rl.runners.remote.runner import CollectorError
+
+    if options.device == "cpu" and not read_ranks().parallel:
         torch.set_num_threads(1)
     torch.manual_seed(options.seed)
-
-    make = partial(make_env, spec, task, options.num_envs, options.device, options.seed + 10_000 * rank)
     try:
         with closing(_make_runner(options, make, run_dir, values)) as runner:
             if checkpoint is not None:
@@ -79,10 +95,9 @@ def distill(call: common.Call) -> None:
             elif start is not None:
                 _start_from(runner, start, run_folder.range_note(start.config, values))
             run_folder.write_config(run_dir, values)
-            summary = runner.train(options.max_iterations, options.max_minutes)
+            return runner.train(options.max_iterations, options.max_minutes)
     except CollectorError as error:
         sys.exit(f"spin-distill: error: {error}")
-    run_folder.write_results(run_dir, summary, options)
 
 
 def _start_from(runner: DistillRunner, source: TrainedPolicy, note: str = "") -> None:
@@ -96,6 +111,9 @@ def _start_from(runner: DistillRunner, source: TrainedPolicy, note: str = "") ->
     Raises:
         ConfigError: It does not fit; one line that says why.
     """
+    from spin_rl.runners.interface import Camera
+    from spin_rl.runners.model_copy import copy_model
+
     try:
         notes = copy_model(runner.alg.student, source.build(), Camera())
     except ValueError as error:
@@ -113,6 +131,9 @@ def make_env(spec: TaskSpec, task: TaskConfig, num_envs: int, device: str, seed:
 def _make_runner(
     options: Options, make: Callable[[], TaskEnv], run_dir: Path, values: dict[str, Any]
 ) -> DistillRunner:
+    from spin_rl.runners.distillation.runner import DistillRunner
+    from spin_rl.runners.remote.runner import AsyncDistillRunner, RemoteEnv
+
     learning = values["runner"] | {"seed": options.seed}
     if options.mode == "sync":
         return DistillRunner(make(), learning, run_dir, options.device, snapshot=values)
@@ -126,14 +147,19 @@ def _make_runner(
 
 def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> dict[str, Any]:
     """Return the run's configuration: fill in what the teacher says, and check what the student learns by."""
+    from spin_rl.runners.distillation.runner import check_distillation
+    from spin_rl.runners.distillation.student import student_config
+
     values = settings.for_policy(call.values, teacher.config, options.overrides)
     spec = find_task(values["task"]["name"])
     own = teacher.config.get("task", {}).get("name")
     check_task("teacher", teacher.name, own, spec.name, spec.name)
     runner = dict(values["runner"])
-    runner |= student_config(teacher.metadata, runner.pop("depth_encoder"), runner.pop("further_groups"))
+    further = check_value(tuple[str, ...], runner.pop("further_groups", None), "runner.further_groups")
+    encoder = check_value(dict[str, Any], runner.pop("depth_encoder", None), "runner.depth_encoder")
+    runner |= student_config(teacher.metadata, encoder, further)
     check_distillation(runner, spec.groups, options.num_envs)
-    return with_depth(values | {"runner": runner})
+    return with_depth(values | {"runner": runner, "overrides": to_keep(options.overrides)})
 
 
 if __name__ == "__main__":

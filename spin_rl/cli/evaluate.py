@@ -18,7 +18,7 @@ from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.deploy.backends.cameras import RENDERERS
 from spin_rl.files import write_json
-from spin_rl.planning.trips import has_way
+from spin_rl.ranges import Seed
 from spin_rl.runners.policy_file import read_policy
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
@@ -80,10 +80,10 @@ class Options:
     policy: common.PolicyName
     pick: common.PolicyName | None
     benchmark: benchmarks.Benchmark
-    episodes: int
-    starts: int | None
-    seeds: tuple[int, ...]
-    num_envs: int | None
+    episodes: Annotated[int, Range(high=1_000_000)]
+    starts: Annotated[int, Range(high=1_000_000)] | None
+    seeds: tuple[Seed, ...]
+    num_envs: Annotated[int, Range(high=2**18)] | None
     device: str
     scene_file: Path | None
     backend: Annotated[str, Choice(backend.BACKENDS)] | None
@@ -98,13 +98,19 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-eval` command."""
-    common.run("eval", evaluate, lambda given: with_task([common.scene_file_argument(a) for a in given]))
+    common.run(
+        "eval",
+        evaluate,
+        lambda given: with_task([common.scene_file_argument(a) for a in given]),
+        common.keys_of(Options, common.TASK_GROUPS),
+    )
 
 
-def evaluate(call: common.Call) -> None:
+def evaluate(call: common.Call) -> bool:
     """Run the benchmark or analysis that was asked for, print its table and write its JSON."""
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
+    spec.check(call.values)
     source = policies.open_for(spec, {"policy": options.policy, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
     mistake = settings.unused_depth(task, options.overrides)
@@ -118,13 +124,14 @@ def evaluate(call: common.Call) -> None:
     headline = writer.headline(result)
     print(writer.table(result))
     if options.out is None:
-        print(f"Wrote nothing, out=<file.json> keeps the numbers: {headline}")
+        print(f"{headline[0].upper()}{headline[1:]} (out=<file.json> keeps the numbers)")
     else:
         write_json(options.out, result)
         print(f"Wrote {options.out}: {headline}")
     if options.plot is not None:
         writer.plot(result, options.plot)
         print(f"Wrote {options.plot}")
+    return bool(result.get("stopped"))
 
 
 Measured = tuple[Any, dict[str, Any]]
@@ -132,6 +139,8 @@ Measured = tuple[Any, dict[str, Any]]
 
 
 def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) -> Measured:
+    from spin_rl.planning.trips import has_way
+
     scene = common.load_scene_file(options.scene_file)
     if scene is not None and options.starts is None and find_spec("scipy") and not has_way(scene):
         print(f"scene: {options.scene_file}: the planner finds no way from the start to the goal")
@@ -216,7 +225,9 @@ def read_options(call: common.Call) -> Options:
     """
     values = call.values
     asked = _TRIPS if values["benchmark"] is None and values["starts"] is not None else values["benchmark"]
-    benchmark = benchmarks.find(asked, values["task"]["name"], families="shares" in values["scene"])
+    if values["benchmark"] is None and asked == _TRIPS and values["task"].get("name") != "nav":
+        raise ConfigError(f"starts: benchmark={_TRIPS} draws them, which measures task=nav")
+    benchmark = benchmarks.find(asked, values["task"].get("name"), families="shares" in values["scene"])
     counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
     if values["analysis"] == "camera":
         counts = _ANALYSIS_COUNTS

@@ -25,7 +25,7 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-export` command."""
-    common.run("export", export, lambda given: (given, None))
+    common.run("export", export, lambda given: (given, None), common.keys_of(Options, ()))
 
 
 def export(call: common.Call) -> None:

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import torch
-
 from spin_rl.benchmark import policies, settings
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
-from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS
+from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS, number_of
 from spin_rl.scenes.rooms.params import FamilyParams, scene_class
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.nav.config import NavConfig
@@ -81,15 +79,23 @@ class Options:
 
 def main() -> None:
     """Entry point of the `spin-play` command."""
-    common.run("play", play, lambda given: with_task([common.scene_file_argument(a) for a in given]))
+    common.run(
+        "play",
+        play,
+        lambda given: with_task([common.scene_file_argument(a) for a in given]),
+        common.keys_of(Options, common.TASK_GROUPS),
+    )
 
 
 def play(call: common.Call) -> None:
     """Show the policy that was asked for; write the video and the plots before any live view."""
-    spec = find_task(call.values["task"]["name"])
+    spec = find_task(call.values["task"].get("name"))
     options = read_options(call, spec)
+    spec.check(call.values)
     players = Players(call, spec, options)
     if options.device == "cpu":
+        import torch
+
         torch.set_num_threads(1)
     if options.video or options.plots or options.viewer == "none":
         _record(players, options)
@@ -147,7 +153,7 @@ def _record(players: Players, options: Options) -> None:
         files = plots.write_plots(options.plots, episodes, player.title)
         print(f"Wrote {files[0] if len(files) == 1 else options.plots}: {result}")
     if options.video is None and options.plots is None:
-        print(f"Wrote nothing, video=<file.mp4> keeps pictures: {result}")
+        print(f"{result} (video=<file.mp4> keeps pictures)")
 
 
 class Players:
@@ -220,8 +226,13 @@ def read_options(call: common.Call, spec: TaskSpec) -> Options:
     """
     values = call.values
     default = "none" if values["video"] or values["plots"] else "viser"
-    found = {"viewer": values["viewer"] or default, "device": common.resolve_device(values["device"])}
-    options = from_keys(Options, values | found)
+    numbers = {key: number_of(key, values[key], key) for key in ("scenario", "difficulty")}
+    level = numbers["difficulty"]
+    named = {"difficulty": DIFFICULTIES[level]} if level in range(len(DIFFICULTIES)) else {}
+    viewer = default if values["viewer"] is None else values["viewer"]
+    found = {"viewer": viewer, "device": common.resolve_device(values["device"])}
+    options = from_keys(Options, values | {"scenario": numbers["scenario"]} | named | found)
+    policies.check_name(options.policy)
     if options.world is not None and options.scene_file is not None:
         raise ConfigError("world: a scene file is the same in every world")
     _check_replay(options, families=scene_class(values["scene"]) is FamilyParams)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from spin_rl.benchmark.policies import PolicySource, open_policy
+from spin_rl.benchmark.policies import UNTRAINED, PolicySource, open_policy
 from spin_rl.benchmark.registry import BENCHMARKS, find
 from spin_rl.cli.common import Completed
 from spin_rl.config import ConfigError
+from spin_rl.policy import find_policy, task_in_header
 from spin_rl.tasks.registry import TASKS
 
 _DEFAULT = "nav"
@@ -30,13 +31,17 @@ def with_task(arguments: list[str], key: str = "policy") -> Completed:
         arguments = [*arguments, f"scene={benchmark.scene}"]
     if "task" in given:
         return arguments, None
-    opened = _open(given.get(key, ""), key) if benchmark is None else None
-    task = benchmark.task if benchmark is not None else opened and opened.task
+    task, opened = (benchmark.task, None) if benchmark else _task_of(given.get(key, ""), key)
     return arguments if task in (None, _DEFAULT) else [*arguments, f"task={task}"], opened
 
 
-def _open(name: str, key: str) -> PolicySource | None:
+def _task_of(name: str, key: str) -> tuple[str | None, PolicySource | None]:
+    """Find the task of a policy, None if it is of none, and open the policy where there is no quicker way."""
+    if name in ("", *UNTRAINED):
+        return None, None
     try:
-        return open_policy(name, key)
-    except ConfigError:
-        return None  # the command itself says what is wrong with it
+        task = task_in_header(find_policy(name))
+        opened = None if task else open_policy(name, key)
+    except (ConfigError, FileNotFoundError):
+        return None, None  # the command itself says what is wrong with it
+    return task or (opened and opened.task), opened

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import torch
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from spin_rl.cli import common, run_folder
+from spin_rl.cli.resume import to_keep, with_settings_of_run
 from spin_rl.cli.task_choice import UNTRAINABLE
-from spin_rl.config import ConfigError
-from spin_rl.runners.checkpoint import resolve_checkpoint
-from spin_rl.runners.config import check_config
-from spin_rl.runners.interface import Camera
-from spin_rl.runners.policy_file import TrainedPolicy
-from spin_rl.runners.ppo.dvo import check_teacher
-from spin_rl.runners.warm_start import warm_start
+from spin_rl.config import ConfigError, from_mapping
+from spin_rl.ranks import read_ranks
 from spin_rl.tasks.common.compose import with_depth
-from spin_rl.tasks.registry import find_task
+from spin_rl.tasks.common.config import TaskConfig
+from spin_rl.tasks.registry import TaskSpec, find_task
+
+if TYPE_CHECKING:
+    from spin_rl.runners.policy_file import TrainedPolicy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,38 +27,67 @@ class Options(run_folder.RunOptions):
     teacher: run_folder.SourceName | None
 
 
+@dataclass(frozen=True)
+class Algorithm:
+    """The group `algo`, which changes others and has a name."""
+
+    name: str
+
+
 def main() -> None:
     """Entry point of the `spin-train` command."""
     common.run(
         "train",
         train,
-        lambda given: (common.with_preset(given, torch.cuda.is_available()), None),
+        lambda given: (with_settings_of_run(given) or common.with_preset(given), None),
+        common.keys_of(Options, common.GROUPS),
         UNTRAINABLE,
     )
 
 
-def train(call: common.Call) -> None:
+def train(call: common.Call) -> bool:
     """Run one training to its limit of iterations or minutes and write its summary.
 
     Writes `<run_dir>/config.yaml`, checkpoints, TensorBoard events and `summary.json`; with `evaluate=N` also
     the result's benchmark. Bad settings are found before anything is written or compiled.
     """
-    from spin_rl.runners.ppo.runner import PPORunner
-
-    values = with_depth(call.values)
-    spec = find_task(values["task"]["name"])
+    spec = find_task(call.values["task"].get("name"))
+    spec.check(call.values)
+    options, start = read_options(call.values, call.overrides)
+    values = with_depth(call.values) | {"overrides": to_keep(call.overrides)}
     task = spec.configure(values)
-    options, start = read_options(values, call.overrides)
-    rank = int(os.environ.get("RANK", "0"))
-    checkpoint = None if options.resume is None else resolve_checkpoint(options.resume)
-    run_dir = run_folder.find(options, checkpoint)
-    if options.device == "cpu" and "WORLD_SIZE" not in os.environ:
+    checkpoint = run_folder.find_start(options)
+    with run_folder.claimed(options, checkpoint) as run_dir:
+        with run_folder.videos(options, task, run_dir):
+            summary = _train(options, spec, task, values, start, checkpoint, run_dir)
+        run_folder.write_results(run_dir, summary, options)
+    return run_folder.was_stopped(summary)
+
+
+def _train(
+    options: Options,
+    spec: TaskSpec,
+    task: TaskConfig,
+    values: dict[str, Any],
+    start: TrainedPolicy | None,
+    checkpoint: Path | None,
+    run_dir: Path,
+) -> dict[str, Any]:
+    """Make worlds and models and train; return the summary."""
+    import torch
+
+    from spin_rl.runners.interface import Camera
+    from spin_rl.runners.ppo.runner import PPORunner
+    from spin_rl.runners.warm_start import warm_start
+
+    ranks = read_ranks()
+    if options.device == "cpu" and not ranks.parallel:
         torch.set_num_threads(1)
     torch.manual_seed(options.seed)
 
     with common.announced(f"Starting {options.num_envs} worlds on {options.device}"):
         # Every process draws its own worlds.
-        env = spec.make_env(task, options.num_envs, options.device, options.seed + 10_000 * rank)
+        env = spec.make_env(task, options.num_envs, options.device, options.seed + 10_000 * ranks.rank)
     learning = values["runner"] | {"seed": options.seed}
     runner = PPORunner(env, learning, run_dir, options.device, snapshot=values)
     if checkpoint is not None:
@@ -76,8 +103,7 @@ def train(call: common.Call) -> None:
         if common.is_main_process():
             print(message + run_folder.range_note(start.config, values), flush=True)
     run_folder.write_config(run_dir, values)  # not before: a resume that is refused leaves the run as it was
-    summary = runner.train(options.max_iterations, options.max_minutes)
-    run_folder.write_results(run_dir, summary, options)
+    return runner.train(options.max_iterations, options.max_minutes)
 
 
 def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> tuple[Options, TrainedPolicy | None]:
@@ -94,10 +120,17 @@ def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> tuple[O
         ValueError: One line that names the key.
     """
     options = run_folder.read_options(Options, values, overrides)
-    start = _open_sources(options, values)
-    groups = find_task(values["task"]["name"]).groups
+    groups = find_task(values["task"].get("name")).groups
+    from_mapping(Algorithm, values["algo"], "algo")
+    sources = {"teacher": options.teacher, "init": options.init}
+    for key, name in sources.items():
+        if name is not None:
+            run_folder.check_source(key, name)
+
+    from spin_rl.runners.config import check_config
+
     check_config(values["runner"], groups, options.num_envs)
-    return options, start
+    return options, _open_sources(options, values)
 
 
 def _open_sources(options: Options, values: Mapping[str, Any]) -> TrainedPolicy | None:
@@ -115,6 +148,8 @@ def _open_sources(options: Options, values: Mapping[str, Any]) -> TrainedPolicy 
             f"teacher: algo={values['algo']['name']} has none; to start from a policy's weights use init="
         )
     if has_teacher:
+        from spin_rl.runners.ppo.dvo import check_teacher
+
         check_teacher(opened["teacher"])
     return opened.get("init")
 

@@ -9,14 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spin_rl import robot
+from spin_rl.deploy import safety
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.decoder import Decoder
-from spin_rl.deploy.interface import Command, RobotState
+from spin_rl.deploy.interface import Command, Connection, RobotState
 from spin_rl.deploy.kinematics import Kinematics
 from spin_rl.deploy.network import Network
-from spin_rl.deploy.observations import Observer, Situation, as_pixels, in_base
+from spin_rl.deploy.observations import Observer, Situation, as_pixels, in_base, out_of_base
 from spin_rl.sensors.depth.robot import RobotDepthFilter
 
+ARRIVED = "arrived"
 _CAMERA_ACTIONS = [robot.ACTIONS.index(joint) for joint in robot.CAMERA_JOINTS]
 
 
@@ -47,6 +49,7 @@ class Agent:
         self.contract: Contract = network.contract
         self._network = network
         self._observer = Observer(self.contract)
+        self._goal: np.ndarray | None = None
         self._decoder = Decoder(self.contract, speed_scale)
         self._kinematics = Kinematics()
         camera, config = self.contract.camera, self.contract.depth_filter
@@ -60,6 +63,11 @@ class Agent:
     def reads_images(self) -> bool:
         """Whether the policy reads depth images."""
         return self._filter is not None
+
+    @property
+    def target(self) -> np.ndarray:
+        """Targets of the joints, as last commanded [m, rad], shape (8,)."""
+        return self._decoder.target
 
     def reset(
         self, state: RobotState, goal: np.ndarray | None = None, object_start_b: np.ndarray | None = None
@@ -75,13 +83,16 @@ class Agent:
         self._decoder.reset(state.joints)
         if self._filter is not None:
             self._filter.reset()
+        self.hold(state)
+        self.aim(goal, None if object_start_b is None else out_of_base(object_start_b, state.base))
+
+    def aim(self, goal: np.ndarray | None, object_start: np.ndarray | None) -> None:
+        """Set goal and place of the object at the start, both in the frame of the odometry [m]."""
+        self._goal, self._object = goal, object_start
+
+    def hold(self, state: RobotState) -> None:
+        """Take the action that holds the present pose for the last one."""
         self._last_action = self._with_fixed_camera(self._decoder.holding(state.joints))
-        self._goal = goal
-        self._object = None
-        if object_start_b is not None:
-            # Kept in the frame of the odometry, in which it stays where it is.
-            back = np.array([0.0, 0.0, -state.base[2]])
-            self._object = in_base(object_start_b, back) + np.array([*state.base[:2], 0.0])
 
     def reduce(self, image: np.ndarray) -> np.ndarray:
         """Turn a camera's own image upright and reduce it; see `RobotDepthFilter.reduce`."""
@@ -112,11 +123,48 @@ class Agent:
         Raises:
             ValueError: The network's output is not finite.
         """
-        action = self._network(self.observe(inputs))
-        command_of = self._with_fixed_camera(action)
-        command = self._decoder(command_of, inputs.state.joints)
-        self._last_action = np.clip(command_of, -1.0, 1.0)
+        return self.follow(self.decide(inputs), inputs.state)
+
+    def decide(self, inputs: Inputs) -> np.ndarray:
+        """Return the network's action of one step, shape (10,), not clipped."""
+        return self._with_fixed_camera(self._network(self.observe(inputs)))
+
+    def follow(self, action: np.ndarray, state: RobotState) -> tuple[np.ndarray, Command]:
+        """Return an action as it is used, shape (10,), and its command.
+
+        Raises:
+            ValueError: It is not finite.
+        """
+        command = self._decoder(action, state.joints)
+        self._last_action = np.clip(action, -1.0, 1.0)
         return self._last_action, command
+
+    def take_over(self, other: Agent) -> None:
+        """Go on from the commands of another policy, the memory empty; aims are as they were."""
+        self._network.reset()
+        if self._filter is not None:
+            self._filter.reset()
+        self._decoder.take_over(other._decoder)
+        self._last_action = other._last_action
+
+    def progress(self, inputs: Inputs) -> str | None:
+        """Return `ARRIVED` once the goal is reached; called once before every step."""
+        goal = self.contract.goal
+        distance = self.distance_m(inputs.state)
+        has_arrived = goal is not None and distance is not None and distance <= goal.tolerance_m
+        return ARRIVED if has_arrived else None
+
+    def distance_m(self, state: RobotState) -> float | None:
+        """Return the distance from the base to the goal [m]; None without one."""
+        return None if self._goal is None else float(np.hypot(*(self._goal - state.base[:2])))
+
+    def check(self, connection: Connection, told: set[str]) -> None:
+        """Reject a robot that cannot run it; see `safety.check_policy`."""
+        safety.check_policy(self.contract, connection, told)
+
+    def check_aims(self, goal: np.ndarray | None, object_b: np.ndarray | None) -> None:
+        """Reject a run without what the policy is told; see `safety.check_aims`."""
+        safety.check_aims(self.contract, goal, object_b)
 
     def _with_fixed_camera(self, action: np.ndarray) -> np.ndarray:
         pose = self.contract.camera.pose

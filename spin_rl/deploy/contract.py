@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from spin_rl import robot
-from spin_rl.config import POSITIVE, Choice, ConfigError, Range, from_mapping
+from spin_rl.config import POSITIVE, Choice, ConfigError, Range, Text, from_mapping
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 
 FORMAT = 1
@@ -220,7 +220,7 @@ class Contract:
     simulation_only: str | None
     training: dict
     parity: dict
-    model_card: str
+    model_card: Annotated[str, Text()]
 
     def __post_init__(self) -> None:
         """Reject what does not fit this program or itself."""

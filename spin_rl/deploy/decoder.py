@@ -45,6 +45,10 @@ class Decoder:
         self._base = np.zeros(2)
         self.target = np.clip(joints, self._low, self._high)
 
+    def take_over(self, other: Decoder) -> None:
+        """Go on from another policy's speeds and targets."""
+        self._base, self.target = other._base, other.target.copy()
+
     def holding(self, joints: np.ndarray) -> np.ndarray:
         """Return the action that holds a pose [m, rad], shape (8,), standing; shape (10,)."""
         action = np.zeros(len(robot.ACTIONS))

@@ -94,11 +94,13 @@ class Connection:
         is_real: Whether there is a machine that can do harm.
         camera: Its depth camera, if it has one.
         goal: Where to drive in the frame of its odometry [m], if it knows.
+        object_b: Where the object to pick is in the frame of the base now [m], if it knows.
     """
 
     is_real: bool
     camera: CameraInfo | None = None
     goal: tuple[float, float] | None = None
+    object_b: tuple[float, float, float] | None = None
 
 
 class Clock(Protocol):

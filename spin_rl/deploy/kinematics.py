@@ -27,6 +27,10 @@ class Frame:
     pos: np.ndarray
     mat: np.ndarray
 
+    def to_base(self, points: np.ndarray) -> np.ndarray:
+        """Turn points of this frame into the base frame [m], shape (..., 3)."""
+        return points @ self.mat.T + self.pos
+
 
 @dataclass(frozen=True)
 class _Body:

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from spin_rl.deploy import safety
-from spin_rl.deploy.agent import Agent, Inputs
+from spin_rl.deploy.agent import ARRIVED, Agent, Inputs
 from spin_rl.deploy.clock import StopSignals
+from spin_rl.deploy.fetch.agent import FetchAgent
+from spin_rl.deploy.fetch.stages import PLACED
 from spin_rl.deploy.interface import Connection, DepthFrame, DeviceLost, Robot, RobotState
 from spin_rl.deploy.log import RunLog
 
-ARRIVED, TIME_OVER = "arrived", "time is over"
+TIME_OVER = "time is over"
+DONE = (ARRIVED, PLACED)
+"""Reasons that are successes."""
 _FIRST_INPUTS_S = 5.0
 """How long devices may take to their first state and image."""
 _STOP_TRIES = 3
@@ -25,7 +29,7 @@ class Outcome:
     """How a run ended.
 
     Attributes:
-        reason: `ARRIVED`, `TIME_OVER`, the name of a signal, or what went wrong.
+        reason: One of `DONE`, `TIME_OVER`, the name of a signal, or what went wrong.
         stopped: Whether something went wrong, or somebody ended it.
         steps: Commands sent.
         missed: Ticks at which none was sent because the one before took too long.
@@ -44,7 +48,9 @@ class Outcome:
 class ControlLoop:
     """Runs one policy on one robot."""
 
-    def __init__(self, robot: Robot, connection: Connection, agent: Agent, log: RunLog | None = None) -> None:
+    def __init__(
+        self, robot: Robot, connection: Connection, agent: Agent | FetchAgent, log: RunLog | None = None
+    ) -> None:
         """Refuse a policy that this robot cannot run.
 
         Args:
@@ -56,13 +62,12 @@ class ControlLoop:
         Raises:
             ConfigError: The policy is not for this robot; one line that says why.
         """
-        safety.check_policy(agent.contract, connection, set(robot.told()))
+        agent.check(connection, set(robot.told()))
         self._robot, self._agent, self._log = robot, agent, log
         self._camera = connection.camera
         self._period = agent.contract.period_s
         self._signals = StopSignals()
         self._steps = self._missed = 0
-        self._goal: np.ndarray | None = None
         self._distance: float | None = None
 
     def run(
@@ -81,7 +86,7 @@ class ControlLoop:
         Raises:
             ConfigError: The robot is in no state to start, or is not told where to; nothing has moved then.
         """
-        safety.check_aims(self._agent.contract, goal, object_b)
+        self._agent.check_aims(goal, object_b)
         with StopSignals() as self._signals:
             try:
                 state = self._wait_for_inputs()
@@ -95,7 +100,6 @@ class ControlLoop:
 
     def _begin(self, state: RobotState, goal: np.ndarray | None, object_b: np.ndarray | None) -> None:
         self._steps = self._missed = 0
-        self._goal = goal
         self._agent.reset(state, goal, object_b)
         if self._log is not None:
             self._log.start(state, goal, object_b)
@@ -122,7 +126,7 @@ class ControlLoop:
             else:
                 reason = self._step(tick, now - start - tick * self._period)
             if reason is not None:
-                return self._end(reason + self._stand(), reason not in (ARRIVED, TIME_OVER), now - start)
+                return self._end(reason + self._stand(), reason not in (*DONE, TIME_OVER), now - start)
             # The next tick that has not passed; those before it are lost, not made up for.
             due = max(tick + 1, math.ceil((clock.now() - start) / self._period - _INSTANT_S))
             self._missed += due - tick - 1
@@ -139,6 +143,10 @@ class ControlLoop:
                 return reason
             depth = None if frame is None else self._agent.reduce(frame.image)
             inputs = Inputs(state, depth, robot.told())
+            self._distance = self._agent.distance_m(state)
+            reason = self._agent.progress(inputs)
+            if reason is not None:
+                return reason
             action, command = self._agent.act(inputs)
             # Whatever took long here, what it acts on may be too old by now.
             reason = self._why_stop(state, frame)
@@ -155,14 +163,9 @@ class ControlLoop:
         return None
 
     def _why_stop(self, state: RobotState, frame: DepthFrame | None) -> str | None:
-        reason = self._signals.name
-        if reason is None:
-            reason = safety.why_stop(self._robot.clock.now(), state, frame, self._agent.reads_images)
-        if reason is None and self._goal is not None and self._agent.contract.goal is not None:
-            self._distance = float(np.hypot(*(self._goal - state.base[:2])))
-            if self._distance <= self._agent.contract.goal.tolerance_m:
-                return ARRIVED
-        return reason
+        if self._signals.name is not None:
+            return self._signals.name
+        return safety.why_stop(self._robot.clock.now(), state, frame, self._agent.reads_images)
 
     def _wait_for_inputs(self) -> RobotState | None:
         """Return the first state to start from, once there is an image too; None after a signal."""

@@ -19,6 +19,8 @@ from spin_rl.deploy.interface import RobotState
 from spin_rl.deploy.kinematics import Frame
 
 _FINGER = robot.JOINTS.index("gripper_finger")
+NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
+"""Units in which an object's offset from the hand is told, clipped to 1: 0.2 m and 0.05 m."""
 _NEAREST_M = 0.05
 """Points nearer than this to the camera, or behind it, are located as if they were here."""
 
@@ -58,6 +60,26 @@ def in_base(point: np.ndarray, base: np.ndarray) -> np.ndarray:
     dx, dy = point[:2] - base[:2]
     cos, sin = math.cos(base[2]), math.sin(base[2])
     return np.array([cos * dx + sin * dy, cos * dy - sin * dx, *point[2:]])
+
+
+def seen_object(at: np.ndarray, base: np.ndarray, hand: np.ndarray, gripper: np.ndarray) -> np.ndarray:
+    """Return the group `object` of an object in sight, shape (10,); out of sight it is 0.
+
+    Args:
+        at: Where it is [m], shape (3,).
+        base: x, y [m], yaw [rad], in the same frame, shape (3,).
+        hand: The grasp centre [m], likewise, shape (3,).
+        gripper: Its axes as columns, shape (3, 3).
+    """
+    offset = gripper.T @ (at - hand)
+    near, close = (np.clip(scale * offset, -1.0, 1.0) for scale in (NEAR_PER_M, CLOSE_PER_M))
+    return np.concatenate([[1.0], in_base(at, base), near, close])
+
+
+def out_of_base(point_b: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Turn a point of a base pose's frame [m], shape (3,), into the frame of the odometry."""
+    back = np.array([0.0, 0.0, -base[2]])
+    return in_base(point_b, back) + np.array([*base[:2], 0.0])
 
 
 def _goal(now: Situation) -> np.ndarray:

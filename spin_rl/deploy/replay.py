@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spin_rl.deploy.agent import Agent
+from spin_rl.deploy.fetch.agent import FetchAgent
 from spin_rl.deploy.log import LoggedRun
 
 
@@ -35,11 +36,12 @@ class Replay:
 TOLERANCE = 1e-6
 
 
-def replay(run: LoggedRun, agent: Agent) -> Replay:
+def replay(run: LoggedRun, agent: Agent | FetchAgent) -> Replay:
     """Replay a run; the agent must have been made as the run's was."""
     agent.reset(run.state, run.goal, run.object_b)
     steps, worst_action, worst_command, first = 0, 0.0, 0.0, None
     for logged in run.steps():
+        agent.progress(logged.inputs)
         action, command = agent.act(logged.inputs)
         action_error = float(np.abs(action - logged.action).max())
         pairs = zip(

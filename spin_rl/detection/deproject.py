@@ -11,13 +11,12 @@ Source: SPIN paper, "Object Detection for Pick Policy".
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from spin_rl import robot
+from spin_rl.deploy.kinematics import Frame
 from spin_rl.detection.interface import Detection
 
 CENTRAL_SHARE = 0.5
@@ -115,54 +114,6 @@ class Intrinsics:
         )
 
 
-@dataclass(frozen=True)
-class CameraPose:
-    """The optical frame in the base frame.
-
-    Attributes:
-        pos: Its origin [m], shape (3,).
-        mat: Rotation from the optical to the base frame, shape (3, 3).
-    """
-
-    pos: np.ndarray
-    mat: np.ndarray
-
-    def to_base(self, points: np.ndarray) -> np.ndarray:
-        """Turn points in the optical frame into the base frame [m], shape (..., 3)."""
-        return points @ self.mat.T + self.pos
-
-
-class CameraKinematics:
-    """The camera's pose by the robot's joints."""
-
-    def __init__(self) -> None:
-        """Load the robot's model."""
-        self._model = robot.load_spec().compile()
-        self._data = mujoco.MjData(self._model)
-
-    def __call__(self, joints: Mapping[str, float]) -> CameraPose:
-        """Return the pose.
-
-        Args:
-            joints: Position of every joint of ``robot.JOINTS`` [m, rad]. An encoder may read a little more
-                than the limit, and so positions are clipped to it.
-
-        Raises:
-            ValueError: A joint is unknown, missing or not a number.
-        """
-        ranges = zip(robot.JOINT_LOWER, robot.JOINT_UPPER, strict=True)
-        limits: dict[str, tuple[float, float]] = dict(zip(robot.JOINTS, ranges, strict=True))
-        clipped = {
-            name: float(np.clip(value, *limits.get(name, (-math.inf, math.inf))))
-            for name, value in joints.items()
-        }
-        self._data.qpos[:] = robot.qpos_from_joints(self._model, clipped)
-        mujoco.mj_kinematics(self._model, self._data)
-        site = self._data.site(robot.CAMERA_SITE)
-        # The base stands at the world's origin.
-        return CameraPose(site.xpos.copy(), site.xmat.reshape(3, 3).copy())
-
-
 def robust_depth(
     depth: np.ndarray, box: tuple[float, float, float, float], share: float = CENTRAL_SHARE
 ) -> float:
@@ -211,7 +162,7 @@ def deproject(
 
 
 def locate(
-    detection: Detection, depth: np.ndarray, intrinsics: Intrinsics, pose: CameraPose, *, offset: float = 0.0
+    detection: Detection, depth: np.ndarray, intrinsics: Intrinsics, pose: Frame, *, offset: float = 0.0
 ) -> np.ndarray | None:
     """Return where a detected object is in the base frame [m], shape (3,), or None without a depth.
 
@@ -219,7 +170,7 @@ def locate(
         detection: What a `Detector` found.
         depth: Depth image of the same moment, upright, holes 0 or not finite [m], shape (rows, columns).
         intrinsics: Of that image.
-        pose: Where the camera was.
+        pose: Where the camera was, of `deploy.kinematics.Kinematics`.
         offset: As in `deproject`.
 
     Raises:

@@ -11,13 +11,13 @@ from spin_rl.config import ConfigError, from_mapping
 from spin_rl.deploy import contract as parts
 from spin_rl.deploy.contract import Contract
 from spin_rl.export.groups import describe_group
+from spin_rl.groups import is_depth
 from spin_rl.machine import commit
-from spin_rl.models.groups import is_depth
 from spin_rl.runners.policy_file import TrainedPolicy, find_policy
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
-from spin_rl.sim import SimConfig
+from spin_rl.sensors.depth.size import image_shape
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.manipulation import ManipulationConfig
-from spin_rl.tasks.common.depth import image_shape
 
 _RESET = (
     "At the start of an episode, and after any pause: the memory takes its initial value, the depth filter "

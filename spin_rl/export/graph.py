@@ -14,7 +14,7 @@ from torch import nn
 from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import ACTION_OUTPUT, STATE
 from spin_rl.extras import require
-from spin_rl.models.groups import is_depth
+from spin_rl.groups import is_depth
 from spin_rl.models.scandot import ScandotModel, ScandotRecurrentModel
 
 OPSET = 20

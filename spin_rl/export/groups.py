@@ -12,7 +12,8 @@ import torch
 from spin_rl import robot
 from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import FLOAT32, UINT8, Camera, Group, Term
-from spin_rl.models.groups import HAND_IN_IMAGE, OBJECT, OBJECT_AT_START, is_depth
+from spin_rl.deploy.observations import CLOSE_PER_M, NEAR_PER_M
+from spin_rl.groups import HAND_IN_IMAGE, OBJECT, OBJECT_AT_START, is_depth
 from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import MOST_OUTSIDE
 from spin_rl.tasks.common.proprioception import PROPRIO
@@ -84,8 +85,8 @@ def _object_at_start(camera: Camera) -> list[Term]:
     return [
         _term("object_is_told", ("always",), "1"),
         _term("object_start", _XYZ, "m, base frame"),
-        _scaled("object_start_near", _XYZ, unit, formulas.NEAR_PER_M, 1.0),
-        _scaled("object_start_close", _XYZ, unit, formulas.CLOSE_PER_M, 1.0),
+        _scaled("object_start_near", _XYZ, unit, NEAR_PER_M, 1.0),
+        _scaled("object_start_close", _XYZ, unit, CLOSE_PER_M, 1.0),
     ]
 
 

@@ -13,7 +13,7 @@ from tensordict import TensorDict
 
 from spin_rl.deploy.contract import STATE
 from spin_rl.deploy.network import Network
-from spin_rl.models.groups import is_depth, is_encoded
+from spin_rl.groups import is_depth, is_encoded
 from spin_rl.models.pointnet import NUM_FLAGS, TOKEN_DIM
 from spin_rl.models.scandot import ScandotRecurrentModel
 

@@ -11,6 +11,7 @@ from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import open_for
 from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import Contract, write_metadata
+from spin_rl.deploy.fetch.numbers import STAGES
 from spin_rl.deploy.network import Network
 from spin_rl.deploy.text import summary
 from spin_rl.export.describe import describe
@@ -21,7 +22,6 @@ from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.fetch.spec import FETCH
-from spin_rl.tasks.fetch.state import STAGES
 
 # Settings of the state machine, of all that defines the task; the rest is the simulator's.
 _FETCH_SETTINGS = (
@@ -118,7 +118,7 @@ def fetch_settings(config: FetchConfig, nav: str, pick: str) -> dict[str, Any]:
     return {
         "policies": {"nav": nav, "pick": pick},
         "stages": [{"name": stage, "policy": files.get(stage)} for stage in STAGES],
-        "scripted": "stages without a policy; docs/fetch.md",
+        "scripted": "stages without a policy; spin_rl/deploy/fetch",
         "reset": "a policy's memory is reset when its stage begins",
         "settings": {name: values[name] for name in _FETCH_SETTINGS},
     }

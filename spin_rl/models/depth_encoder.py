@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from spin_rl.config import from_mapping
+from spin_rl.config import Range, from_mapping
 from spin_rl.models.pointnet import token_mlp
+from spin_rl.models.settings import Width
+
+Pixels = Annotated[int, Range(1, 1000)]
 
 _HAND_CHANNELS, _HAND_KERNEL, _HAND_STRIDE = (16, 32), 3, 2
 """Of the convolutions that read a window around the hand."""
@@ -37,19 +40,19 @@ class DepthEncoderConfig:
             There a pixel's place is its offset from the hand in the camera's axes, wherever the hand is.
     """
 
-    image: tuple[int, int] = (87, 58)
-    channels: tuple[int, ...] = (16, 32, 32)
-    kernels: tuple[int, ...] = (8, 4, 3)
-    strides: tuple[int, ...] = (4, 2, 1)
-    hidden: tuple[int, ...] = (128, 64)
+    image: tuple[Pixels, Pixels] = (87, 58)
+    channels: tuple[Width, ...] = (16, 32, 32)
+    kernels: tuple[Pixels, ...] = (8, 4, 3)
+    strides: tuple[Pixels, ...] = (4, 2, 1)
+    hidden: tuple[Width, ...] = (128, 64)
     reads_flat: bool = False
     shortcut: bool = False
-    hand_window: int = 0
+    hand_window: Annotated[int, Range(0, 256)] = 0
 
     def __post_init__(self) -> None:
         """Reject layers that do not fit each other or the image."""
-        if not len(self.channels) == len(self.kernels) == len(self.strides) > 0:
-            raise ValueError("depth_encoder.channels, kernels and strides must have the same length.")
+        if not 0 < len(self.channels) == len(self.kernels) == len(self.strides) <= 16 >= len(self.hidden):
+            raise ValueError("depth_encoder.channels, kernels and strides must have the same length (<= 16).")
         sizes = (*self.image, *self.channels, *self.kernels, *self.strides, *self.hidden)
         if min(*sizes, 1) < 1 or self.hand_window < 0:
             raise ValueError("depth_encoder: sizes must be positive.")

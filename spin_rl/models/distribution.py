@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from rsl_rl.modules import GaussianDistribution
+
+from spin_rl.config import Range
+from spin_rl.models.settings import Deviation, DeviationRange
 
 
 class PerActionGaussian(GaussianDistribution):
@@ -19,9 +22,9 @@ class PerActionGaussian(GaussianDistribution):
     def __init__(
         self,
         output_dim: int,
-        init_std: Sequence[float] = (1.0,),
-        std_range: tuple[float, float] = (1e-6, 1e6),
-        num_used: int | None = None,
+        init_std: Sequence[Deviation] = (1.0,),
+        std_range: DeviationRange = (1e-6, 1e6),
+        num_used: Annotated[int, Range(1, 1000)] | None = None,
     ) -> None:
         """Initialize with learned log standard deviations.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, cast
 
 import torch
@@ -12,10 +12,14 @@ from rsl_rl.utils import unpad_trajectories
 from tensordict import TensorDict
 from torch import nn
 
+from spin_rl.groups import HAND_IN_IMAGE, is_depth, is_encoded
 from spin_rl.models.depth_encoder import make_depth_encoder
-from spin_rl.models.groups import HAND_IN_IMAGE, is_depth, is_encoded
 from spin_rl.models.lstm import LSTMState, ResettableLSTM
 from spin_rl.models.pointnet import TOKEN_DIM, make_scandot_encoder, token_mlp
+from spin_rl.models.settings import Activation, ScandotEncoder, Width, Widths
+
+NORMALIZED_LIMIT = 100.0
+"""What the normalizer takes in is cut off here, either way: one wild world must not rule its statistics."""
 
 
 class ScandotModel(MLPModel):
@@ -32,13 +36,13 @@ class ScandotModel(MLPModel):
         obs_groups: dict[str, list[str]],
         obs_set: str,
         output_dim: int,
-        hidden_dims: Sequence[int] = (256, 128),
-        activation: str = "elu",
+        hidden_dims: Widths = (256, 128),
+        activation: Activation = "elu",
         obs_normalization: bool = True,
         distribution_cfg: dict | None = None,
-        encoder: str = "pointnet",
-        encoder_hidden: Sequence[int] = (64, 64),
-        scandot_latent: int = 16,
+        encoder: ScandotEncoder = "pointnet",
+        encoder_hidden: Widths = (64, 64),
+        scandot_latent: Width = 16,
         depth_encoder: Mapping[str, Any] | None = None,
     ) -> None:
         """Build the model.
@@ -58,10 +62,8 @@ class ScandotModel(MLPModel):
             depth_encoder: Layers of the depth encoder, keys of `DepthEncoderConfig`.
 
         Raises:
-            ValueError: A group has no flat shape, or a setting has no meaning.
+            ValueError: A group has no flat shape.
         """
-        if encoder not in ("pointnet", "concat"):
-            raise ValueError(f"{obs_set}.encoder must be 'pointnet' or 'concat', not '{encoder}'.")
         groups = obs_groups[obs_set]
         self.num_latents = scandot_latent * sum(map(is_encoded, groups))
         # rsl_rl's MLP needs a hidden layer; an output straight from the latent replaces it below.
@@ -142,6 +144,13 @@ class ScandotModel(MLPModel):
         ]
         return torch.cat([flat, *latents], dim=-1)
 
+    def update_normalization(self, obs: TensorDict) -> None:
+        """Learn the statistics of the flat groups from a batch of observations, cut off at a limit."""
+        if self.obs_normalization:
+            flat = torch.cat([obs[group] for group in self.obs_groups], dim=-1)
+            normalizer: Any = self.obs_normalizer
+            normalizer.update(flat.clamp(-NORMALIZED_LIMIT, NORMALIZED_LIMIT))
+
     def get_hidden_state(self) -> LSTMState | None:
         """Return the memory; None without one, or before the first step."""
         return None
@@ -202,15 +211,15 @@ class ScandotRecurrentModel(ScandotModel):
         obs_groups: dict[str, list[str]],
         obs_set: str,
         output_dim: int,
-        hidden_dims: Sequence[int] = (),
-        activation: str = "elu",
+        hidden_dims: Widths = (),
+        activation: Activation = "elu",
         obs_normalization: bool = True,
         distribution_cfg: dict | None = None,
-        encoder: str = "pointnet",
-        encoder_hidden: Sequence[int] = (64, 64),
-        scandot_latent: int = 16,
+        encoder: ScandotEncoder = "pointnet",
+        encoder_hidden: Widths = (64, 64),
+        scandot_latent: Width = 16,
         depth_encoder: Mapping[str, Any] | None = None,
-        rnn_hidden_dim: int = 256,
+        rnn_hidden_dim: Width = 256,
         skip: bool = False,
     ) -> None:
         """Build the model.

@@ -1,36 +1,49 @@
-"""Checks of a runner's configuration before anything is built."""
+"""Checks of a runner's configuration before anything is built.
+
+What a setting of a model or an algorithm may be is said once: by the types of its constructor's arguments.
+"""
 
 from __future__ import annotations
 
 import inspect
-import math
+import re
+import typing
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import Annotated, Any
 
 from rsl_rl.modules.distribution import Distribution
 from rsl_rl.utils import resolve_callable
 
-from spin_rl.config import from_mapping
+from spin_rl.config import Choice, Rising, check_value, from_mapping, short
 from spin_rl.models import DepthEncoderConfig, ScandotModel
-from spin_rl.runners.ppo.algorithm import PPO, SCHEDULES
+from spin_rl.models.settings import Deviation, DeviationRange
+from spin_rl.ranges import Count, Minutes, NumSteps, Seed
+from spin_rl.runners.ppo.algorithm import PPO
 
-KEYS = {"class_name", "seed", "num_steps_per_env", "save_interval", "save_minutes", "obs_groups", "algorithm"}
+SETTINGS = {
+    "class_name": str | None,
+    "seed": Seed,
+    "num_steps_per_env": NumSteps,
+    "save_interval": Count,
+    "save_minutes": Minutes | None,  # pyright: ignore[reportOperatorIssue] - a type, also as a value
+    "wandb_project": str | None,
+    "obs_groups": dict[str, tuple[str, ...]],
+    "algorithm": dict[str, Any],
+}
 """Settings of every runner, beside a section for each of its models."""
-OPTIONAL_KEYS = {"class_name", "seed", "save_minutes"}
+OPTIONAL_KEYS = {"class_name", "seed", "save_minutes", "wandb_project"}
 MODEL_ARGUMENTS = ("obs", "obs_groups", "obs_set", "output_dim")
 """Arguments of a model that are not settings."""
-_POSITIVE_INTEGERS = ("num_learning_epochs", "num_mini_batches")
-_POSITIVE_NUMBERS = (
-    "clip_param",
-    "learning_rate",
-    "min_learning_rate",
-    "max_learning_rate",
-    "max_grad_norm",
-    "desired_kl",
-)
-_FRACTIONS = ("gamma", "lam", "imitation_anneal")
-_WEIGHTS = ("task_reward", "imitation_reward", "imitation_loss", "latent_loss")
 
+_CLASS_NAME = re.compile(r"(spin_rl|rsl_rl)(\.\w+)*[:.]\w+|\w+")
+"""Of our packages, or a name that rsl_rl looks up in its own: nothing else is imported for a file's sake."""
+_OF_RSL_RL = {
+    "init_std": Deviation,
+    "std_range": DeviationRange,
+    "action_range": Annotated[tuple[float, float], Rising()],
+    "std_type": Annotated[str, Choice(("scalar", "log"))],
+}
+"""What arguments of rsl_rl's classes may be, which say less."""
 _MOVED = {
     "spin_rl.runners.algorithm:PPO": "spin_rl.runners.ppo.algorithm:PPO",
     "spin_rl.runners.dvo:ImitationPPO": "spin_rl.runners.ppo.dvo:ImitationPPO",
@@ -52,15 +65,12 @@ def check_config(cfg: Mapping[str, Any], observed: Collection[str], num_envs: in
     """
     check_loop(cfg, observed, ("actor", "critic"))
     distribution = cfg["actor"].get("distribution_cfg")
-    _require(
-        distribution is not None, "actor.distribution_cfg", "given: a policy has to explore", distribution
-    )
-    check_class(distribution, Distribution, "actor.distribution_cfg", given=("output_dim",))
-    _require(not cfg["critic"].get("distribution_cfg"), "critic.distribution_cfg", "none", "one")
-    check_class(
-        cfg["algorithm"], PPO, "algorithm", given=("actor", "critic", "storage", "device", "multi_gpu_cfg")
-    )
-    check_learning(cfg["algorithm"], SCHEDULES, num_envs)
+    key = "distribution_cfg"
+    _require(distribution is not None, f"runner.actor.{key}", "given: a policy has to explore", distribution)
+    _require(not cfg["critic"].get(key), f"runner.critic.{key}", "none", "one")
+    given = ("actor", "critic", "storage", "device", "multi_gpu_cfg")
+    check_class(cfg["algorithm"], PPO, "runner.algorithm", given)
+    check_learning(cfg["algorithm"], num_envs)
 
 
 def check_loop(
@@ -77,62 +87,70 @@ def check_loop(
     Raises:
         ValueError: A key is unknown or missing, or a value is impossible; one line that names the key.
     """
-    required = KEYS - OPTIONAL_KEYS | set(models)
-    _check_keys(cfg, KEYS | required | set(sections), required, "runner")
-    for key in ("num_steps_per_env", "save_interval"):
-        _require(_is_positive_integer(cfg[key]), f"runner.{key}", "a positive integer", cfg[key])
-    minutes = cfg.get("save_minutes")
-    _require(
-        minutes is None or _is_positive(minutes), "runner.save_minutes", "a positive number or none", minutes
-    )
-    _require(isinstance(cfg.get("seed", 0), int), "runner.seed", "an integer", cfg.get("seed"))
+    check_value(dict[str, Any], cfg, "runner")
+    hints = SETTINGS | dict.fromkeys(models, dict[str, Any]) | dict.fromkeys(sections, dict[str, Any] | None)
+    _check_keys(cfg, set(hints), set(hints) - OPTIONAL_KEYS - set(sections), "runner")
+    for key, value in cfg.items():
+        check_value(hints[key], value, f"runner.{key}")
     _check_groups(cfg["obs_groups"], observed, models)
     for name in models:
-        check_class(cfg[name], ScandotModel, name, MODEL_ARGUMENTS)
-        from_mapping(DepthEncoderConfig, cfg[name].get("depth_encoder") or {}, "depth_encoder")
+        check_model(cfg[name], f"runner.{name}")
 
 
-def check_learning(cfg: Mapping[str, Any], schedules: tuple[str, ...], num_envs: int) -> None:
-    """Check the numbers of an algorithm's section.
+def check_model(cfg: Mapping[str, Any], where: str) -> None:
+    """Check the section of a model.
+
+    Args:
+        cfg: `class_name` and arguments.
+        where: Name of the section, for messages.
+
+    Raises:
+        ValueError: It is no model, or a value is impossible; one line that names the key.
+    """
+    check_class(cfg, ScandotModel, where, MODEL_ARGUMENTS)
+    from_mapping(DepthEncoderConfig, cfg.get("depth_encoder") or {}, f"{where}.depth_encoder")
+    if cfg.get("distribution_cfg") is not None:
+        check_class(cfg["distribution_cfg"], Distribution, f"{where}.distribution_cfg", ("output_dim",))
+
+
+def check_learning(cfg: Mapping[str, Any], num_envs: int) -> None:
+    """Check what of an algorithm's section depends on others; `check_class` has checked each for itself.
 
     Args:
         cfg: The section.
-        schedules: Schedules of the learning rate that it knows.
         num_envs: Number of environments.
 
     Raises:
         ValueError: A value is impossible; one line that names the key.
     """
-    for key in _POSITIVE_INTEGERS:
-        _require(
-            _is_positive_integer(cfg.get(key, 1)), f"algorithm.{key}", "a positive integer", cfg.get(key)
-        )
-    for key in _POSITIVE_NUMBERS:
-        _require(_is_positive(cfg.get(key, 1.0)), f"algorithm.{key}", "a positive number", cfg.get(key))
-    for key in _FRACTIONS:
-        value = cfg.get(key, 1.0)
-        _require(_is_positive(value) and value <= 1.0, f"algorithm.{key}", "above 0 and at most 1", value)
-    for key in _WEIGHTS:
-        value = cfg.get(key, 0.0)
-        _require(value == 0.0 or _is_positive(value), f"algorithm.{key}", "zero or a positive number", value)
-    schedule = cfg.get("schedule", schedules[0])
-    _require(schedule in schedules, "algorithm.schedule", f"one of {', '.join(schedules)}", schedule)
     batches = cfg.get("num_mini_batches", 4)
     _require(
-        batches <= num_envs, "algorithm.num_mini_batches", f"at most the {num_envs} environments", batches
+        batches <= num_envs,
+        "runner.algorithm.num_mini_batches",
+        f"at most the {num_envs} environments",
+        batches,
+    )
+    least, most = (cfg.get(f"{end}_learning_rate") for end in ("min", "max"))
+    _require(
+        least is None or most is None or least <= most,
+        "runner.algorithm.min_learning_rate",
+        f"at most max_learning_rate, {most}",
+        least,
     )
 
 
 def _check_groups(groups: Mapping[str, Any], observed: Collection[str], models: tuple[str, ...]) -> None:
-    _check_keys(groups, set(models), set(models), "obs_groups")
+    _check_keys(groups, set(models), set(models), "runner.obs_groups")
     for name, members in groups.items():
-        _require(bool(members), f"obs_groups.{name}", "a list of observation groups", members)
+        key = f"runner.obs_groups.{name}"
+        _require(bool(members), key, "a list of observation groups", members)
         for group in members:
-            _require(group in observed, f"obs_groups.{name}", f"of {', '.join(observed)}", group)
+            _require(group in observed, key, f"of {', '.join(observed)}", group)
+        _require(len(set(members)) == len(members), key, "different groups", list(members))
 
 
 def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str, ...]) -> None:
-    """Check that a section names a class of some kind and only arguments of its constructor.
+    """Check that a section names a class of some kind, and arguments of its constructor that it takes.
 
     Args:
         cfg: `class_name` and arguments.
@@ -143,25 +161,61 @@ def check_class(cfg: Mapping[str, Any], base: type, where: str, given: tuple[str
     Raises:
         ValueError: It does not; one line that names the key.
     """
+    check_value(dict[str, Any], cfg, where)
     _require("class_name" in cfg, f"{where}.class_name", "given", None)
-    try:
-        named = resolve_callable(cfg["class_name"])
-    except (AttributeError, ImportError, ValueError) as error:
-        now = _MOVED.get(cfg["class_name"])
-        moved = "" if now is None else f" It is '{now}' now."
-        raise ValueError(f"{where}.class_name: there is no '{cfg['class_name']}'.{moved}") from error
+    named = _named_class(cfg["class_name"], f"{where}.class_name")
     is_fit = inspect.isclass(named) and issubclass(named, base)
     _require(is_fit, f"{where}.class_name", f"a {base.__module__}.{base.__name__}", cfg["class_name"])
-    assert inspect.isclass(named)
-    _check_keys(cfg, (_arguments(named) - set(given)) | {"class_name"}, set(), where)
+    hints, required = _arguments(named)
+    _check_keys(cfg, (hints.keys() - set(given)) | {"class_name"}, required - set(given), where)
+    for key, value in cfg.items():
+        if key == "teacher":  # a policy's name stands for it; the algorithm itself opens it
+            check_teacher_name(value)
+        elif key != "class_name":
+            check_value(hints[key], value, f"{where}.{key}")
 
 
-def _arguments(named: type) -> set[str]:
-    """Names of a constructor's arguments; one that hands any others on has its base class's too."""
+def check_teacher_name(value: Any) -> None:
+    """Reject what is no name of a policy.
+
+    Raises:
+        ValueError: It is none; one line that names the key.
+    """
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"teacher: expected the name or path of a policy, got {short(value)}.")
+
+
+def _named_class(name: Any, where: str) -> Any:
+    """Find what a configuration names, without importing other packages than ours and rsl_rl."""
+    if inspect.isclass(name):
+        return name
+    fits = isinstance(name, str) and _CLASS_NAME.fullmatch(name) is not None
+    _require(fits, where, "a class of spin_rl or rsl_rl", name)
+    try:
+        return resolve_callable(name)
+    except (AttributeError, ImportError, ValueError) as error:
+        moved = f" It is '{_MOVED[name]}' now." if name in _MOVED else ""
+        raise ValueError(f"{where}: there is no '{name}'.{moved}") from error
+
+
+def _arguments(named: type) -> tuple[dict[str, Any], set[str]]:
+    """Types of a constructor's arguments by name, and which have no default.
+
+    One that hands any others on has its base class's too.
+    """
     parameters = inspect.signature(named.__init__).parameters.values()
-    names = {p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)} - {"self"}
-    hands_on = any(p.kind is p.VAR_KEYWORD for p in parameters)
-    return names | _arguments(named.__mro__[1]) if hands_on else names
+    hints = typing.get_type_hints(named.__init__, include_extras=True)
+    own = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name != "self"]
+    is_foreign = named.__module__.startswith("rsl_rl")
+    found = {
+        p.name: _OF_RSL_RL[p.name] if is_foreign and p.name in _OF_RSL_RL else hints.get(p.name, Any)
+        for p in own
+    }
+    required = {p.name for p in own if p.default is p.empty}
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        others, needed = _arguments(named.__mro__[1])
+        return others | found, needed | required
+    return found, required
 
 
 def _check_keys(cfg: Mapping[str, Any], known: set[str], required: set[str], where: str) -> None:
@@ -175,12 +229,4 @@ def _check_keys(cfg: Mapping[str, Any], known: set[str], required: set[str], whe
 
 def _require(fine: bool, key: str, wanted: str, value: Any) -> None:
     if not fine:
-        raise ValueError(f"{key} must be {wanted}, not {value!r}.")
-
-
-def _is_positive(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
-
-
-def _is_positive_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value > 0
+        raise ValueError(f"{key} must be {wanted}, not {short(value)}.")

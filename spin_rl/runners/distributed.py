@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any, cast
 
 import torch
 from torch import distributed
+
+from spin_rl.ranks import read_ranks
 
 
 class Processes:
@@ -21,9 +22,9 @@ class Processes:
         Raises:
             ValueError: The device is not the one of this process's local rank.
         """
-        self.world_size = int(os.environ.get("WORLD_SIZE", "1"))
-        self.rank = int(os.environ.get("RANK", "0"))
-        self.local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+        ranks = read_ranks()
+        self.world_size, self.rank, self.local_rank = ranks.world_size, ranks.rank, ranks.local_rank
+        self.parallel, self.is_main = ranks.parallel, ranks.is_main
         self.joined = False
         if not self.parallel:
             return
@@ -41,16 +42,6 @@ class Processes:
             self.joined = True
         # An int only stands for a group without this process; this one has all processes.
         self._host_group = cast(distributed.ProcessGroup, distributed.new_group(backend="gloo"))
-
-    @property
-    def parallel(self) -> bool:
-        """Whether there is more than one process."""
-        return self.world_size > 1
-
-    @property
-    def is_main(self) -> bool:
-        """Whether this process writes files and shows progress."""
-        return self.rank == 0
 
     def any(self, *flags: bool) -> list[bool]:
         """Tell for each flag whether it is set in some process; the same answer everywhere."""

@@ -1,7 +1,7 @@
 """The training loop of all algorithms: it shows progress, stops, saves and resumes cleanly.
 
 One class, and so one file: each of its parts reads and writes the state of the run. What can do without that
-state is elsewhere: checkpoints, progress, signals and limits, processes.
+state is elsewhere: checkpoints and when they are saved, progress, signals and limits, processes.
 """
 
 from __future__ import annotations
@@ -9,7 +9,9 @@ from __future__ import annotations
 import copy
 import json
 import math
+import sys
 import time
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any, cast
@@ -19,13 +21,15 @@ from rsl_rl.env import VecEnv
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
+from spin_rl.files import reason
 from spin_rl.runners.checkpoint import (
     find_checkpoint,
     load_module_state,
     save_checkpoint,
-    save_numbered,
+    set_aside,
     to_cpu,
 )
+from spin_rl.runners.contents import check_checkpoint, check_weights
 from spin_rl.runners.distributed import Processes
 from spin_rl.runners.interface import TrainingEnv
 from spin_rl.runners.progress import (
@@ -36,7 +40,8 @@ from spin_rl.runners.progress import (
     format_duration,
     join_statistics,
 )
-from spin_rl.runners.stop import Limits, StopRequest
+from spin_rl.runners.saving import Saver
+from spin_rl.runners.stop import Interrupted, Limits, StopRequest
 
 
 class TrainingLoop(OnPolicyRunner):
@@ -88,6 +93,9 @@ class TrainingLoop(OnPolicyRunner):
         self.minutes = 0.0
         self.skipped_steps = 0
         self.episodes = RecentEpisodes()
+        self._loaded: Path | None = None
+        self._stop = StopRequest()
+        self._deadline = math.inf
 
     @property
     def steps_per_iteration(self) -> int:
@@ -108,32 +116,45 @@ class TrainingLoop(OnPolicyRunner):
 
         Raises:
             ValueError: A limit is not positive.
-            FloatingPointError: Losses stay non-finite.
+            FloatingPointError: Losses stay non-finite, or weights are; no such weights are saved.
+            OSError: The last checkpoint cannot be written.
+            Exception: Whatever else goes wrong; what was learned until then is saved first.
         """
         limits = Limits(max_iterations, max_minutes, self.current_learning_iteration)
-        minutes_before, saved_at = self.minutes, 0.0
+        minutes_before = self.minutes
         self._env_steps_before = self.env_steps
         stopped_by = self._reason_to_stop(None, limits)
         line = ProgressLine() if self.processes.is_main else None
         events = self.run_dir if self.processes.is_main else None
-        with StopRequest() as stop, closing(ScalarWriter(events, limits.first_iteration)) as writer:
-            obs = self.env.get_observations()
-            self.alg.train_mode()
+        saver = Saver(self.run_dir, self.cfg["save_interval"], self.cfg.get("save_minutes"))
+        self._leave_other_branch()
+        with StopRequest() as self._stop, closing(self._scalar_writer(events, limits)) as writer:
             start = time.monotonic()
-            while stopped_by is None:
-                self.alg.set_progress(limits.progress(self.current_learning_iteration))
-                obs, scalars = self._iterate(obs)
-                limits.advance(self.processes.max(time.monotonic() - start))
-                self.minutes = minutes_before + limits.elapsed_s / 60.0
-                self._dump_non_finite()
-                writer.write(self.current_learning_iteration, scalars)
-                if line:
-                    line.show(self._text(limits))
-                stopped_by = self._reason_to_stop(stop.name, limits)
-                if stopped_by is None and self._save_is_due(limits.elapsed_s - saved_at):
-                    self._save_numbered()
-                    saved_at = limits.elapsed_s
-            checkpoint = self._save_numbered()
+            self._deadline = math.inf if max_minutes is None else start + 60.0 * max_minutes
+            try:
+                self._begin()
+                obs = self.env.get_observations()
+                self.alg.train_mode()
+                while stopped_by is None:
+                    self.alg.set_progress(limits.progress(self.current_learning_iteration))
+                    obs, scalars = self._iterate(obs)
+                    limits.advance(self.processes.max(time.monotonic() - start))
+                    self.minutes = minutes_before + limits.elapsed_s / 60.0
+                    self._dump_non_finite()
+                    writer.write(self.current_learning_iteration, scalars)
+                    if line:
+                        line.show(self._text(limits))
+                    stopped_by = self._reason_to_stop(self._stop.name, limits)
+                    due = saver.is_due(self.current_learning_iteration, limits.elapsed_s)
+                    if stopped_by is None and due:
+                        self._save_on_the_way(saver, limits.elapsed_s)
+            except Interrupted:
+                stopped_by = self._stop.name or "max_minutes"
+            except Exception:
+                self._save_before_raising(saver)
+                raise
+            checkpoint = self._save_numbered(saver)
+        assert stopped_by is not None
         summary = self._summary(limits, stopped_by, checkpoint)
         if line:
             line.end(self._end_text(summary))
@@ -169,38 +190,75 @@ class TrainingLoop(OnPolicyRunner):
         Raises:
             FileNotFoundError: There is no such file.
             ValueError: It is damaged, of another architecture, or learned from another teacher; one line
-                that names what differs.
+                that names the file and what differs.
         """
         path, state = find_checkpoint(path)
         fits = all(name in state for name in self.alg.trained)
+        check_checkpoint(state, str(path))
         if not fits or len(state["processes"][0]["memory"]) != len(self.alg.models):
             raise ValueError(f"{path} is of another algorithm; to start from its weights use init={path}.")
         for name, model in self.alg.trained.items():
             load_module_state(model, state[name], name, str(path))
-        self.alg.optimizer.load_state_dict(state["optimizer"])
-        self.alg.learning_rate = state["learning_rate"]
-        self.alg.load_extra_state(state.get("algorithm", {}))
+        own = state["processes"][self.processes.rank % len(state["processes"])]
+        for name, restore in {
+            "optimizer": lambda: self._restore_optimizer(state),
+            "algorithm": lambda: self.alg.load_extra_state(state.get("algorithm", {})),
+            # With another number of processes the environments' states are shared out again.
+            "processes.env": lambda: self.env.load_state_dict(own["env"]),
+            "processes": lambda: self._restore_process(own, len(state["processes"])),
+        }.items():
+            try:
+                restore()
+            except ValueError as error:  # one line already
+                raise ValueError(f"{path}: {error}") from None
+            except (LookupError, TypeError, AttributeError, RuntimeError) as error:
+                first = str(error).partition("\n")[0]
+                raise ValueError(f"{path}: {name} does not fit: {type(error).__name__}: {first}") from error
         self.current_learning_iteration = state["iteration"]
         self.env_steps, self.minutes, self.skipped_steps = (
             state["env_steps"],
             state["minutes"],
             state["skipped_steps"],
         )
-        # With another number of processes the environments' states are shared out again.
-        own = state["processes"][self.processes.rank % len(state["processes"])]
-        self.env.load_state_dict(own["env"])
-        if len(state["processes"]) == self.processes.world_size:
-            torch.set_rng_state(own["rng_cpu"])
-            if own["rng_cuda"] is not None and torch.device(self.device).type == "cuda":
-                torch.cuda.set_rng_state(own["rng_cuda"], self.device)
-            for model, memory in zip(self.alg.models, own["memory"], strict=True):
-                if memory and memory[0].shape[1] == self.env.num_envs:
-                    model.reset(hidden_state=tuple(part.to(self.device) for part in memory))
+        self._loaded = path
         return state
 
     def close(self) -> None:
         """Leave the group of processes."""
         self.processes.leave()
+
+    def _restore_optimizer(self, state: dict[str, Any]) -> None:
+        """Take over the optimizer's memory and the learning rate; other settings are those of this run."""
+        optimizer = self.alg.optimizer
+        own = optimizer.state_dict()
+        saved = own["state"] | state["optimizer"]["state"]
+        optimizer.load_state_dict(own | {"state": saved})
+        self.alg.learning_rate = state["learning_rate"]
+        for group in optimizer.param_groups:
+            group["lr"] = self.alg.learning_rate
+            for parameter in group["params"]:
+                memory = optimizer.state.get(parameter)
+                if memory and not _fits(memory, parameter):
+                    raise ValueError("optimizer: its memory has not the shapes of the parameters")
+
+    def _restore_process(self, own: dict[str, Any], processes: int) -> None:
+        """Take over random states and the models' memory, where there are as many processes as there were."""
+        if processes != self.processes.world_size:
+            return
+        torch.set_rng_state(own["rng_cpu"])
+        if own["rng_cuda"] is not None and torch.device(self.device).type == "cuda":
+            torch.cuda.set_rng_state(own["rng_cuda"], self.device)
+        for model, memory in zip(self.alg.models, own["memory"], strict=True):
+            if memory and memory[0].shape[1] == self.env.num_envs:
+                model.reset(hidden_state=tuple(part.to(self.device) for part in memory))
+
+    def _begin(self) -> None:
+        """Do what is left before the first iteration of a call of `train`."""
+
+    def _check_stop(self) -> None:
+        """Raise `Interrupted` if the run has to end, for a subclass that waits inside of an iteration."""
+        if self._stop.name is not None or time.monotonic() >= self._deadline:
+            raise Interrupted
 
     def _iterate(self, obs: TensorDict) -> tuple[TensorDict, dict[str, float]]:
         """Collect and learn once; return the next observations and the scalars to log."""
@@ -218,9 +276,9 @@ class TrainingLoop(OnPolicyRunner):
         scalars |= {
             "Loss/learning_rate": self.alg.learning_rate,
             "Perf/env_steps": self.env_steps,
-            "Perf/env_steps_per_second": steps / (end - start),
-            "Perf/collect_s": middle - start,
-            "Perf/learn_s": end - middle,
+            "Perf/total_fps": steps / (end - start),
+            "Perf/collection_time": middle - start,
+            "Perf/learning_time": end - middle,
         }
         return obs, scalars | self._scalars(losses)
 
@@ -252,10 +310,15 @@ class TrainingLoop(OnPolicyRunner):
         success, mean_return = self.episodes.mean("success_rate"), self.episodes.mean("mean_return")
         if math.isnan(success):
             return "no episode over yet"
-        return f"success {success:.1%} | return {mean_return:.2f}"
+        level = self.episodes.mean("level")
+        return f"level {level:.2f} | success {success:.1%} | return {mean_return:.2f}"
 
-    def _state(self) -> dict[str, Any]:
-        """Everything that `load` restores, complete in the main process."""
+    def _state(self, alone: bool = False) -> dict[str, Any]:
+        """Everything that `load` restores, complete in the main process.
+
+        Args:
+            alone: Ask nothing of the other processes, which may be gone; theirs is then left out.
+        """
         alg, on_gpu = self.alg, torch.device(self.device).type == "cuda"
         memory: list[tuple[torch.Tensor, ...] | None] = [None] * len(alg.models)
         if getattr(self.env, "restores_episodes", False):
@@ -279,7 +342,7 @@ class TrainingLoop(OnPolicyRunner):
             "num_actions": self.env.num_actions,
             "obs_dims": self._obs_dims,
             "config": self.config_text,
-            "processes": self.processes.gather(own),
+            "processes": [own] if alone else self.processes.gather(own),
         }
 
     def _dump_non_finite(self) -> None:
@@ -287,6 +350,10 @@ class TrainingLoop(OnPolicyRunner):
         if self.run_dir is not None:
             for path in self.env.dump_non_finite(self.run_dir / "non_finite"):
                 print(f"\nA world turned non-finite and was reset; its last states: {path}", flush=True)
+
+    def _scalar_writer(self, folder: Path | None, limits: Limits) -> ScalarWriter:
+        project, config = self.cfg.get("wandb_project"), json.loads(self.config_text)
+        return ScalarWriter(folder, limits.first_iteration, project, config)
 
     def _reason_to_stop(self, signal_name: str | None, limits: Limits) -> str | None:
         """Name the signal or the limit that ends the run now, all processes at once."""
@@ -297,19 +364,59 @@ class TrainingLoop(OnPolicyRunner):
             return "max_iterations"
         return "max_minutes" if limits.time_is_over else None
 
-    def _save_is_due(self, seconds_since_save: float) -> bool:
-        minutes = self.cfg.get("save_minutes")
-        is_late = minutes is not None and seconds_since_save >= 60.0 * minutes
-        return is_late or self.current_learning_iteration % self.cfg["save_interval"] == 0
+    def _leave_other_branch(self) -> None:
+        """Set aside what this folder holds of iterations after the checkpoint that the run goes on from."""
+        if self._loaded is None or self.run_dir is None or not self.processes.is_main:
+            return
+        if self._loaded.parent.resolve() == (self.run_dir / "checkpoints").resolve():
+            for path in set_aside(self._loaded):
+                print(f"Set aside, of another branch: {path}", flush=True)
 
-    def _save_numbered(self) -> Path | None:
+    def _save_on_the_way(self, saver: Saver, elapsed_s: float) -> None:
+        """Save, or go on without if there is no room: it is tried again."""
+        problem = None
+        try:
+            self._save_numbered(saver)
+        except OSError as error:
+            problem = reason(error)
+            print(
+                f"\nwarning: {problem}; training goes on, saving is tried again", file=sys.stderr, flush=True
+            )
+        (failed,) = self.processes.any(problem is not None)
+        saver.note(elapsed_s, failed)
+
+    def _save_numbered(self, saver: Saver) -> Path | None:
         if self.run_dir is None:
             return None
         state = self._state()
-        folder = self.run_dir / "checkpoints"
         if self.processes.is_main:
-            save_numbered(folder, self.current_learning_iteration, state)
-        return folder / "last.pt"
+            self._check_weights()
+            saver.write(self.current_learning_iteration, state)
+        return saver.last
+
+    def _save_before_raising(self, saver: Saver) -> None:
+        """Keep what was learned until an error, which is not to be hidden by another one."""
+        if self.run_dir is None or not self.processes.is_main:
+            return
+        try:
+            self._check_weights()
+            saver.write(self.current_learning_iteration, self._state(alone=True))
+        except Exception as error:
+            print(f"\nwarning: nothing was saved before the error: {error}", file=sys.stderr, flush=True)
+        else:
+            print(f"\nSaved before the error: {saver.last}", file=sys.stderr, flush=True)
+
+    def _check_weights(self) -> None:
+        """Keep weights that compute nothing from taking the place of good ones.
+
+        Raises:
+            FloatingPointError: They are not finite, or too large.
+        """
+        for name, model in self.alg.trained.items():
+            try:
+                check_weights(model.state_dict(), name)
+            except ValueError as error:
+                raise FloatingPointError(f"{error}: not saved, the last good checkpoint stays") from None
 
     def _steps_per_second(self, limits: Limits) -> float:
         steps = self.env_steps - self._env_steps_before
@@ -329,8 +436,10 @@ class TrainingLoop(OnPolicyRunner):
         }
 
     def _text(self, limits: Limits) -> str:
+        iteration = self.current_learning_iteration
+        by_iterations = limits.ends_by_iterations(iteration)
         parts = [
-            f"iteration {self.current_learning_iteration}/{limits.max_iterations}",
+            f"iteration {iteration}" + (f"/{limits.max_iterations}" if by_iterations else ""),
             f"{self.env_steps / 1e6:.3f} M env steps",
             f"{self._steps_per_second(limits):.0f}/s",
             self._results(),
@@ -355,6 +464,12 @@ class TrainingLoop(OnPolicyRunner):
         self.gpu_local_rank = processes.local_rank
         ranks = {"global_rank": processes.rank, "local_rank": processes.local_rank}
         self.cfg["multi_gpu"] = ranks | {"world_size": processes.world_size} if processes.parallel else None
+
+
+def _fits(memory: Mapping[str, torch.Tensor], parameter: torch.Tensor) -> bool:
+    """Whether what Adam remembers is of a parameter."""
+    shapes = {memory[key].shape for key in ("exp_avg", "exp_avg_sq")}
+    return shapes == {parameter.shape} and memory["step"].shape == () and memory["step"].item() >= 0
 
 
 def _class_name(value: Any) -> str:

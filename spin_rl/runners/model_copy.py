@@ -8,9 +8,9 @@ from typing import Any, cast
 import torch
 from torch import nn
 
+from spin_rl.groups import OBJECT, OBJECT_AT_START, is_depth, is_encoded, is_seen
 from spin_rl.models import ScandotModel, ScandotRecurrentModel
 from spin_rl.models.depth_encoder import DepthEncoder, DepthEncoderConfig
-from spin_rl.models.groups import OBJECT, OBJECT_AT_START, is_depth, is_encoded, is_seen
 from spin_rl.runners.interface import Camera
 
 Columns = tuple[list[int], list[int]]

@@ -1,7 +1,11 @@
-"""Policies as small files: weights as safetensors, with all that is needed to use them in the header."""
+"""Policies as small files: weights as safetensors, with all that is needed to use them in the header.
+
+There, too, is the file's SHA-256, of the bytes as they are with zeros in its place.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,19 +14,21 @@ from typing import Any
 
 import safetensors
 import torch
-from rsl_rl.modules.distribution import Distribution
 from rsl_rl.utils import resolve_class
-from safetensors.torch import save
+from safetensors.torch import load, save
 from tensordict import TensorDict
 
-from spin_rl import paths
 from spin_rl.files import write_atomically
 from spin_rl.models import ScandotModel
+from spin_rl.policy import METADATA_KEY, find_policy
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
-from spin_rl.runners.config import MODEL_ARGUMENTS, check_class
+from spin_rl.runners.config import check_model
+from spin_rl.runners.contents import check_checkpoint, check_policy
 
-FORMAT_VERSION = 1
-_KEY = "spin_rl"
+FORMAT_VERSION = 2
+_WITHOUT_CHECKSUM = 1
+_CHECKSUM = "sha256"
+_NO_DIGEST = b"0" * 64
 
 
 def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -43,11 +49,26 @@ def save_policy(path: Path, checkpoint: str | Path, facts: dict[str, Any] | None
     if path.suffix != ".safetensors":
         raise ValueError(f"A policy file is named <name>.safetensors, not {path.name}.")
     policy = read_policy(checkpoint)
-    metadata = {**policy.metadata, "facts": facts or {}}
-    weights = {key: tensor.contiguous() for key, tensor in policy.weights.items()}
-    data = save(weights, {_KEY: json.dumps(metadata)})
-    write_atomically(path, lambda file: file.write(data))
+    metadata = {**policy.metadata, "version": FORMAT_VERSION, "facts": facts or {}}
+    write_policy(path, policy.weights, metadata)
     return metadata
+
+
+def write_policy(path: Path, weights: Mapping[str, torch.Tensor], metadata: Mapping[str, Any]) -> None:
+    """Write a policy file.
+
+    Args:
+        path: Destination, `<name>.safetensors`.
+        weights: Those of the actor.
+        metadata: See `TrainedPolicy`.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    header = {METADATA_KEY: json.dumps(metadata), _CHECKSUM: _NO_DIGEST.decode()}
+    data = save({key: tensor.contiguous() for key, tensor in weights.items()}, header)
+    data = data.replace(_NO_DIGEST, hashlib.sha256(data).hexdigest().encode(), 1)
+    write_atomically(path, lambda file: file.write(data))
 
 
 @dataclass(frozen=True)
@@ -123,9 +144,7 @@ def build_model(cfg: dict[str, Any], name: str, dims: dict[str, int], output_dim
     Raises:
         ValueError: It is no model, or has other arguments; one line that names the key.
     """
-    check_class(cfg, ScandotModel, name, MODEL_ARGUMENTS)
-    if cfg.get("distribution_cfg") is not None:
-        check_class(cfg["distribution_cfg"], Distribution, f"{name}.distribution_cfg", ("output_dim",))
+    check_model(cfg, name)
     example = TensorDict({group: torch.zeros(1, dim) for group, dim in dims.items()}, batch_size=[1])
     model_class, arguments = resolve_class(cfg)
     return model_class(example, {name: list(dims)}, name, output_dim, **arguments)
@@ -144,47 +163,48 @@ def read_policy(name_or_path: str | Path) -> TrainedPolicy:
     path = find_policy(name_or_path)
     if path.suffix == ".safetensors":
         return TrainedPolicy(str(name_or_path), *_read_policy_file(path))
-    state = find_checkpoint(path)[1]
-    config = json.loads(state["config"])
+    found, state = find_checkpoint(path)
+    runner, run = check_checkpoint(state, str(found))
     metadata = {
         "version": FORMAT_VERSION,
-        "obs_groups": config["runner"]["obs_groups"]["actor"],
+        "obs_groups": list(runner.obs_groups["actor"]),
         "obs_dims": state["obs_dims"],
         "num_actions": state["num_actions"],
-        "actor": config["runner"]["actor"],
-        "config": config["run"],
+        "actor": runner.actor,
+        "config": run,
         **{key: state[key] for key in ("env_steps", "iteration", "minutes")},
     }
     return TrainedPolicy(str(name_or_path), state["actor"], metadata)
 
 
-def find_policy(name_or_path: str | Path) -> Path:
-    """Return an existing path as it is, else that of the shipped policy of this name.
+def _read_policy_file(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Read and check a file.
 
     Raises:
-        FileNotFoundError: There is neither; the message lists the shipped ones.
+        ValueError: It is damaged or none of this project's; one line that names the file.
     """
-    path = Path(name_or_path)
-    if path.exists():
-        return path
-    shipped = paths.POLICY_DIR / f"{name_or_path}.safetensors"
-    if shipped.is_file():
-        return shipped
-    names = ", ".join(sorted(file.stem for file in paths.POLICY_DIR.glob("*.safetensors"))) or "none"
-    raise FileNotFoundError(
-        f"There is no policy '{name_or_path}': neither a path nor a shipped one ({names})."
-    )
-
-
-def _read_policy_file(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            metadata = json.loads((file.metadata() or {})[_KEY])
-            weights = {key: file.get_tensor(key) for key in file.keys()}
-    except (safetensors.SafetensorError, KeyError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a policy file of this project: {error}") from error
-    if metadata.get("version") != FORMAT_VERSION:
-        raise ValueError(
-            f"{path} has format version {metadata.get('version')}; this program reads {FORMAT_VERSION}."
-        )
+        content = path.read_bytes() if path.is_file() else b""
+        weights = load(content)
+        header = _header(content)
+        metadata = json.loads(header[METADATA_KEY])
+    # The tensors, the header and the JSON in it each have their own errors.
+    except (safetensors.SafetensorError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ValueError(f"{path} is not a policy file of this project: {reason}") from error
+    version = metadata.get("version") if isinstance(metadata, dict) else None
+    if version not in (FORMAT_VERSION, _WITHOUT_CHECKSUM):
+        raise ValueError(f"{path} has format version {version}; this program reads {FORMAT_VERSION}.")
+    digest = str(header.get(_CHECKSUM, "")).encode()
+    if version == FORMAT_VERSION or digest:
+        data = content.replace(digest, _NO_DIGEST, 1) if len(digest) == len(_NO_DIGEST) else b""
+        if hashlib.sha256(data).hexdigest().encode() != digest:
+            raise ValueError(f"{path} is damaged: its content does not have its checksum.")
+    check_policy(weights, metadata, str(path))
     return weights, metadata
+
+
+def _header(content: bytes) -> dict[str, Any]:
+    """Metadata of a file in safetensors' format: eight bytes of length, then JSON."""
+    length = int.from_bytes(content[:8], "little")
+    return json.loads(content[8 : 8 + length])["__metadata__"]

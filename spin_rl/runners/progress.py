@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
+
+from rsl_rl.utils.log_writer import LogWriter
+
+MAIN_TAGS = ("Train/mean_reward", "Episode/success_rate")
+OVER_STEPS = "/env_steps"
+"""Tags that are also written over the environment steps, and what is then added to them."""
 
 LINE_INTERVAL_S = 10.0
 """Time between lines where the output is not a terminal."""
@@ -80,31 +87,81 @@ class ProgressLine:
 
 
 class ScalarWriter:
-    """TensorBoard events of a run; does nothing without a folder."""
+    """TensorBoard events of a run; does nothing without a folder, nor after a failure that it told of."""
 
-    def __init__(self, folder: Path | None, first_iteration: int) -> None:
-        """Open an event file; events of a resumed run after its checkpoint are dropped."""
+    def __init__(
+        self,
+        folder: Path | None,
+        first_iteration: int,
+        wandb_project: str | None = None,
+        config: dict[str, Any] | None = None,
+    ) -> None:
+        """Open an event file; events of a resumed run after its checkpoint are dropped.
+
+        Args:
+            folder: Where to; None for nowhere.
+            first_iteration: Iterations of the checkpoint.
+            wandb_project: Project at Weights & Biases that gets the scalars as well.
+            config: Configuration of the run, for the project.
+        """
+        self._folder = folder
         self._writer = None
-        if folder is not None:
-            from torch.utils.tensorboard import SummaryWriter  # slow to import
+        self._axes = ("", OVER_STEPS)
+        if folder is None:
+            return
+        with self._giving_up():
+            if wandb_project is None:
+                from torch.utils.tensorboard import SummaryWriter  # slow to import
 
-            self._writer = SummaryWriter(str(folder), purge_step=first_iteration, flush_secs=10)
+                step = first_iteration + 1
+                self._writer = SummaryWriter(str(folder), purge_step=step, flush_secs=10)
+            else:
+                self._writer = _wandb_writer(folder, wandb_project, config or {})
+                self._axes = ("",)  # there, whoever looks chooses the axis, and steps may only grow
 
     def write(self, iteration: int, scalars: dict[str, float]) -> None:
-        """Write the scalars that are finite."""
-        if self._writer is not None:
-            for tag, value in scalars.items():
-                if math.isfinite(value):
-                    self._writer.add_scalar(tag, value, iteration)
+        """Write the scalars that are finite, over the iteration and some also over the environment steps."""
+        if self._writer is None:
+            return
+        with self._giving_up():
+            for axis in self._axes:
+                step = round(scalars["Perf/env_steps"]) if axis else iteration
+                for tag in MAIN_TAGS if axis else scalars:
+                    if math.isfinite(scalars.get(tag, math.nan)):
+                        self._writer.add_scalar(tag + axis, scalars[tag], step)
 
     def close(self) -> None:
         """Write what is buffered."""
         if self._writer is not None:
-            self._writer.close()
+            with self._giving_up():
+                self._writer.close()
+                if isinstance(self._writer, LogWriter):
+                    self._writer.stop()
+
+    @contextlib.contextmanager
+    def _giving_up(self) -> Iterator[None]:
+        """Go on without events where they cannot be written: a run is worth more than its curves."""
+        try:
+            yield
+        except OSError as error:
+            self._writer = None
+            what = f"{self._folder}: no more events are written: {error.strerror or error}"
+            print(f"\nwarning: {what}", file=sys.stderr, flush=True)
+
+
+def _wandb_writer(folder: Path, project: str, config: dict[str, Any]) -> Any:
+    import wandb  # pyright: ignore[reportMissingImports]  # an optional package
+    from rsl_rl.utils.wandb_log_writer import WandbLogWriter
+
+    writer = WandbLogWriter(str(folder), project)
+    wandb.config.update(config)
+    return writer
 
 
 def episode_tag(name: str) -> str:
-    """TensorBoard tag of an episode statistic: in the group before its name's slash, else Episode."""
+    """TensorBoard tag of an episode statistic: rsl_rl's, or in the group before its slash, else Episode."""
+    if name == "mean_return":
+        return "Train/mean_reward"
     return name[0].upper() + name[1:] if "/" in name else f"Episode/{name}"
 
 

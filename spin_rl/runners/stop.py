@@ -1,14 +1,18 @@
-"""What ends a run: its limits, Ctrl-C or a job scheduler."""
+"""What ends a run: its limits, Ctrl-C, a job scheduler, or the end of what launched its processes."""
 
 from __future__ import annotations
 
 import math
+import os
 import signal
 import threading
 import time
 from dataclasses import dataclass
 from types import FrameType, TracebackType
 from typing import Any
+
+_LAUNCHER = os.getppid() if "TORCHELASTIC_RUN_ID" in os.environ else None
+"""torchrun, if it is what started this process."""
 
 SAME_REQUEST_S = 1.0
 """Launchers pass a Ctrl-C on to processes that got it already: signals this close are one request."""
@@ -43,8 +47,15 @@ class Limits:
 
     def progress(self, iteration: int) -> float:
         """Return the part of the run that is over, from 0 to 1, by the limit that is nearer."""
-        time_part = 0.0 if self.max_minutes is None else self.elapsed_s / (60.0 * self.max_minutes)
-        return min(1.0, max(iteration / self.max_iterations, time_part))
+        return min(1.0, max(iteration / self.max_iterations, self._time_part))
+
+    def ends_by_iterations(self, iteration: int) -> bool:
+        """Whether the limit of iterations is the nearer one."""
+        return iteration / self.max_iterations >= self._time_part
+
+    @property
+    def _time_part(self) -> float:
+        return 0.0 if self.max_minutes is None else self.elapsed_s / (60.0 * self.max_minutes)
 
     @property
     def time_is_over(self) -> bool:
@@ -61,13 +72,27 @@ class Limits:
         )
 
 
+class Interrupted(Exception):
+    """What was waited for did not come before the run had to end."""
+
+
 class StopRequest:
-    """Context in which the first SIGINT or SIGTERM is a request and a second one ends the process."""
+    """Context in which the first SIGINT or SIGTERM is a request and a second one ends the process.
+
+    The end of torchrun is a request too: nobody else would end its processes.
+    """
 
     def __init__(self) -> None:
-        self.name: str | None = None
+        self._name: str | None = None
         self._time = 0.0
         self._previous: dict[int, Any] = {}
+
+    @property
+    def name(self) -> str | None:
+        """What asked for the end, a signal's name or words; None as long as nothing did."""
+        if self._name is None and _LAUNCHER not in (None, os.getppid()):
+            self._name = "the end of its launcher"
+        return self._name
 
     def __enter__(self) -> StopRequest:
         if threading.current_thread() is threading.main_thread():  # only there can handlers be set
@@ -83,9 +108,9 @@ class StopRequest:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
-        if self.name is None:
-            self.name, self._time = signal.Signals(number).name, now
-            print(f"\n{self.name}: stopping after this iteration; again to stop at once.", flush=True)
+        if self._name is None:
+            self._name, self._time = signal.Signals(number).name, now
+            print(f"\n{self._name}: stopping after this iteration; again to stop at once.", flush=True)
         elif now - self._time > SAME_REQUEST_S:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 
 from spin_rl.models import ScandotModel
+from spin_rl.policy import find_policy
 from spin_rl.runners.checkpoint import find_checkpoint, load_module_state
+from spin_rl.runners.contents import check_checkpoint
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.model_copy import copy_model
-from spin_rl.runners.policy_file import TrainedPolicy, build_model, find_policy
+from spin_rl.runners.policy_file import TrainedPolicy, build_model
 from spin_rl.runners.ppo.algorithm import PPO
 
 
@@ -67,8 +68,13 @@ def _load_critic(source: str) -> ScandotModel:
     if path.suffix == ".safetensors":
         raise ValueError("a policy file holds none")
     path, state = find_checkpoint(path)
-    runner = json.loads(state["config"])["runner"]
-    dims = {group: state["obs_dims"][group] for group in runner["obs_groups"]["critic"]}
-    model = build_model(runner["critic"], "critic", dims, 1)
+    runner, _ = check_checkpoint(state, str(path))
+    if runner.critic is None or "critic" not in state:
+        raise ValueError("the checkpoint holds none")
+    groups = runner.obs_groups.get("critic", ())
+    if not set(groups) <= set(state["obs_dims"]):
+        raise ValueError("the checkpoint does not tell what it reads")
+    dims = {group: state["obs_dims"][group] for group in groups}
+    model = build_model(runner.critic, "critic", dims, 1)
     load_module_state(model, state["critic"], "critic", str(path))
     return model

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import yaml
-
-from spin_rl.config import ConfigError
+from spin_rl.config import ConfigError, short
 from spin_rl.paths import CONF_DIR
-from spin_rl.scenes.yaml_values import entries, mapping, number, numbers, short
+from spin_rl.scenes.yaml_values import entries, mapping, number, numbers, read_yaml
 
 KINDS = ("walls", "boxes", "cylinders")
 """Kinds of parts, in the order of the pool's slots."""
@@ -54,7 +52,7 @@ def read_parts(top: Mapping[str, Any]) -> list[Part]:
 @lru_cache(maxsize=1)
 def furniture_library() -> Mapping[str, Any]:
     """The pieces of conf/furniture.yaml by name, as they are written."""
-    return yaml.safe_load((CONF_DIR / "furniture.yaml").read_text(encoding="utf-8"))
+    return read_yaml(CONF_DIR / "furniture.yaml")
 
 
 def _furniture(top: Mapping[str, Any]) -> Iterator[Part]:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import Scene
 
 FAMILIES = ("corridor", "room", "doorway", "field", "crossing", "open")
 """Kinds of places, in the order of `Layout.family`."""
 
-SCENARIOS = (1, 2)
+SCENARIO_NAMES = {1: "straight", 2: "L"}
+SCENARIOS = tuple(SCENARIO_NAMES)
 """A straight corridor and an L-shaped one."""
 
 DIFFICULTIES = ("easy", "medium", "hard")
 """In the order of the generator's numbers, from 0."""
+
+CHOICES = {
+    "scenario": {"any": 0, **{name: number for number, name in SCENARIO_NAMES.items()}},
+    "difficulty": {"any": -1, **{name: number for number, name in enumerate(DIFFICULTIES)}},
+}
+"""Names of the values of `task.scenario` and `task.difficulty` -> the generator's numbers; `any` is a mix."""
 
 LEVELS = ("low", "tall", "arm", "head")
 """Obstacles that the arm passes over, none passes, stand at the arm's height, hang at the head's."""
@@ -19,6 +29,25 @@ LEVELS = ("low", "tall", "arm", "head")
 _ON_FLOOR_M = 0.05
 _LOW_TOP_M = 0.4
 _HEAD_BOTTOM_M = 0.95
+
+
+def number_of(what: str, value: Any, where: str) -> Any:
+    """Turn a name of `CHOICES` into its number; other values stay as they are.
+
+    Args:
+        what: "scenario" or "difficulty".
+        value: Such as "hard" or 2.
+        where: What the message calls it.
+
+    Raises:
+        ConfigError: A name that is none.
+    """
+    names = CHOICES[what]
+    if not isinstance(value, str):
+        return value
+    if value not in names:
+        raise ConfigError(f"{where}: unknown {value!r}; choose from {', '.join(names)}")
+    return names[value]
 
 
 def level_of(bottom: float, top: float) -> str:

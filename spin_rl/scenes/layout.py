@@ -16,6 +16,10 @@ NUM_JOINTS = 8
 """Joints of a start pose, in the order of `spin_rl.robot.JOINTS`."""
 
 
+MOST_SLOTS = 1000
+"""Of a kind: physics has memory for every slot of every world."""
+
+
 @dataclass(frozen=True)
 class PoolSpec:
     """The scene geoms that every world owns; slots are ordered walls, boxes, cylinders.
@@ -33,8 +37,10 @@ class PoolSpec:
     def __post_init__(self) -> None:
         """Reject counts that no pool can have."""
         for name in ("num_walls", "num_boxes", "num_cylinders"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"pool.{name} must not be negative, got {getattr(self, name)}")
+            if not 0 <= getattr(self, name) <= MOST_SLOTS:
+                raise ValueError(
+                    f"pool.{name} must not be negative nor above {MOST_SLOTS}, got {getattr(self, name)}"
+                )
         if self.num_slots == 0:
             raise ValueError("a pool needs at least one slot")
 

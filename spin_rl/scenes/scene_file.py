@@ -37,7 +37,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import yaml
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
@@ -45,10 +44,12 @@ from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.furniture import KINDS, Part, read_parts
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
-from spin_rl.scenes.yaml_values import mapping, number, numbers, positive
+from spin_rl.scenes.yaml_values import mapping, number, numbers, positive, read_yaml
 
 MAX_SLOTS = 300
 """Most walls, boxes and cylinders together, those of the furniture included."""
+SHORTEST_M = 0.2
+"""Least distance from start to goal; nearer, a robot has arrived before it has moved."""
 
 _KEYS = ("start", "goal", "joints", *KINDS, "furniture", "pieces")
 
@@ -63,20 +64,11 @@ def load_scene(path: str | Path) -> Scene:
         The scene, in a pool of just the slots that it needs (at least one).
 
     Raises:
-        ConfigError: The file cannot be read, has unknown, missing or impossible entries, or the robot touches
-            something at the start. One line that names the file and the key.
+        ConfigError: The file cannot be read, has unknown, missing or impossible entries, the robot touches
+            something at the start, or is there already. One line that names the file and the key.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise ConfigError(f"{path}: not valid YAML{where}") from None
+    content = read_yaml(path)
     try:
         scene = parse_scene(content)
         _check_free(scene)
@@ -203,7 +195,9 @@ def _joints(content: Any) -> list[float]:
 
 
 def _check_free(scene: Scene) -> None:
-    """Reject a start at which the robot touches something, and a goal inside something that stands there."""
+    """Reject a start at which the robot touches something, and a goal at the start or inside of something."""
+    if math.dist(scene.start[:2], scene.goal) < SHORTEST_M:
+        raise ConfigError(f"goal: must be at least {SHORTEST_M} m from the start")
     model = native_model(scene)
     data = mujoco.MjData(model)
     joints: dict[str, float] = dict(zip(robot.JOINTS, scene.start_joints.tolist(), strict=True))

@@ -1,14 +1,103 @@
-"""Checked values out of a parsed YAML file; what is wrong with them is one line that names the key."""
+"""A YAML file that someone wrote, and checked values out of it; what is wrong is told in one line."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from spin_rl.config import ConfigError
+import yaml
+
+from spin_rl.config import ConfigError, short
 
 MAX_EXTENT_M = 1000.0
 """Largest coordinate or size."""
+
+MAX_BYTES = 256_000
+"""Largest file: parsing takes time in proportion."""
+MAX_DEPTH = 20
+"""Most collections inside each other."""
+MAX_VALUES = 50_000
+"""Most values."""
+
+# The parser in C where PyYAML was built with it: many times as fast.
+_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):
+    """Plain values only, and no key twice in a mapping: the second would replace the first without a word."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Build a mapping, as the base class does."""
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue  # which cannot be a key
+            if key.value in seen:
+                problem = f"the key {short(key.value)} is there twice"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> Any:
+    """Read a YAML file of plain values: no larger and no deeper than people write.
+
+    Raises:
+        ConfigError: The file cannot be read or is something else; one line that names the file.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise ConfigError(f"{path}: cannot read the file: it is not a regular one")
+        with open(path, "rb") as file:
+            content = file.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise ConfigError(f"{path}: larger than {MAX_BYTES // 1000} kB")
+        text = content.decode()
+        _check_events(text)
+        return yaml.load(text, Loader=_Loader)
+    except ConfigError:
+        raise
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: not a text file in UTF-8") from None
+    except yaml.MarkedYAMLError as error:
+        where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise ConfigError(f"{path}: not valid YAML{where}: {error.problem}") from None
+    # Values that a tag does not fit have errors of any kind: `!!bool abc` is a KeyError.
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise ConfigError(f"{path}: not valid YAML: {type(error).__name__}") from None
+
+
+def _check_events(text: str) -> None:
+    """Refuse, before anything is built, what would take much memory or time to build or to show.
+
+    Aliases are counted as what they stand for: a few lines of them can stand for billions of values.
+    """
+    open_counts = [0]
+    open_anchors: list[str | None] = [None]
+    sizes: dict[str | None, int] = {}
+    for event in yaml.parse(text, Loader=_SafeLoader):
+        size, anchor, problem = 0, getattr(event, "anchor", None), None
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_counts.append(0)
+            open_anchors.append(anchor)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            size, anchor = open_counts.pop() + 1, open_anchors.pop()
+            sizes[anchor] = size
+        elif isinstance(event, yaml.AliasEvent):
+            size = sizes.get(anchor, 0)
+            problem = None if size else f"*{anchor} stands for nothing yet"
+        elif isinstance(event, yaml.ScalarEvent):
+            size = sizes[anchor] = 1
+        open_counts[-1] += size
+        if len(open_counts) > MAX_DEPTH:
+            problem = f"more than {MAX_DEPTH} lists and mappings inside each other"
+        if open_counts[-1] > MAX_VALUES:
+            problem = f"more than {MAX_VALUES} values"
+        if problem is not None:
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
 
 
 def mapping(
@@ -59,9 +148,3 @@ def positive(value: Any, where: str) -> float:
     if result <= 0.0:
         raise ConfigError(f"{where}: must be positive, got {value!r}")
     return result
-
-
-def short(value: Any) -> str:
-    """One line about any value."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -16,7 +16,7 @@ from spin_rl.warp_kernels.slots import slots_of
 from spin_rl.warp_kernels.structs import struct_of
 
 if TYPE_CHECKING:
-    from spin_rl.sim import Simulation
+    from spin_rl.sim.simulation import Simulation
 
 
 class Clearance(Sensor):

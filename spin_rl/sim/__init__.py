@@ -1,5 +1,1 @@
 """The mujoco-warp bridge: batched model, masked reset, graph capture and zero-copy Torch views."""
-
-from spin_rl.sim.simulation import SimConfig, Simulation
-
-__all__ = ["SimConfig", "Simulation"]

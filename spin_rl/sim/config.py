@@ -5,6 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 OVERFLOW_MODES = ("count", "raise")
+# More takes longer than anyone waits, or more memory than there is.
+_MOST = {
+    "substeps": 100,
+    "iterations": 1000,
+    "ls_iterations": 1000,
+    "nearby": 1000,
+    "contacts_per_world": 10_000,
+    "constraints_per_world": 10_000,
+}
 
 
 @dataclass(frozen=True)
@@ -43,16 +52,12 @@ class SimConfig:
         """Reject values that physics cannot run with."""
         if not 0.0 < self.timestep <= 0.05:
             raise ValueError(f"sim.timestep must be in (0, 0.05] s, got {self.timestep}")
-        for name in (
-            "substeps",
-            "iterations",
-            "ls_iterations",
-            "nearby",
-            "contacts_per_world",
-            "constraints_per_world",
-        ):
-            if getattr(self, name) < 1:
-                raise ValueError(f"sim.{name} must be at least 1, got {getattr(self, name)}")
+        for name, most in _MOST.items():
+            value = getattr(self, name)
+            if value < 1:
+                raise ValueError(f"sim.{name} must be at least 1, got {value}")
+            if value > most:
+                raise ValueError(f"sim.{name} must be at most {most}, got {value}")
         if self.impratio is not None and not 1.0 <= self.impratio <= 1000.0:
             raise ValueError(f"sim.impratio must be in [1, 1000], got {self.impratio}")
         if self.overflow not in OVERFLOW_MODES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import mujoco_warp as mjw
@@ -14,19 +14,8 @@ from spin_rl import robot
 from spin_rl.scenes.objects.model import ObjectIds, ObjectModel, ObjectStart, write_objects
 from spin_rl.scenes.objects.shapes import OBJECT_BODY, OBJECTS, SceneObject
 from spin_rl.sim.object_start import place_objects
-from spin_rl.sim.targets import IncrementConfig, make_increments
+from spin_rl.sim.targets import ManipulationConfig, make_increments
 from spin_rl.warp_kernels import grasp
-
-
-@dataclass(frozen=True)
-class ManipulationConfig:
-    """A simulation with the grasping robot and an object.
-
-    Attributes:
-        increments: How actions move the joint targets.
-    """
-
-    increments: IncrementConfig = field(default_factory=IncrementConfig)
 
 
 @dataclass
@@ -127,7 +116,7 @@ class GraspForces:
             self.hard_contact = wp.zeros(nworld, dtype=float)
             self.object_support = wp.zeros(nworld, dtype=bool)
             self._sums = wp.zeros((nworld, grasp.NUM_SUMS), dtype=float)
-            self._roles = wp.array(_geom_roles(mj_model), dtype=wp.int32)
+            self._roles = wp.array(geom_roles(mj_model), dtype=wp.int32)
         self.views = GraspViews(
             finger_force=wp.to_torch(self.finger_force),
             table_force=wp.to_torch(self.table_force),
@@ -218,7 +207,7 @@ class Manipulation:
         place_objects(self.increments, mask, state.start_pose, mode, qpos=data.qpos, action=action)
 
 
-def _geom_roles(model: mujoco.MjModel) -> list[int]:
+def geom_roles(model: mujoco.MjModel) -> list[int]:
     """Return what `grasp_forces` takes each geom for."""
     pads = {
         name: role

@@ -16,11 +16,18 @@ from spin_rl.scenes.objects.model import MODEL_FIELDS
 from spin_rl.sim import drive as drive_module
 from spin_rl.sim.config import SimConfig
 from spin_rl.sim.kinematic import kinematic_step
-from spin_rl.sim.manipulation import GraspForces, Manipulation, ManipulationConfig, ObjectState
+from spin_rl.sim.manipulation import GraspForces, Manipulation, ObjectState
 from spin_rl.sim.model import compile_model, geom_parts
 from spin_rl.sim.nearby import Nearby
 from spin_rl.sim.reset import set_start_state
-from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, IncrementConfig, make_increments, set_targets
+from spin_rl.sim.targets import (
+    ABSOLUTE,
+    INCREMENTAL,
+    IncrementConfig,
+    ManipulationConfig,
+    make_increments,
+    set_targets,
+)
 from spin_rl.warp_kernels.contacts import clear_part_contacts, part_contacts
 
 # Bits of mujoco_warp's Data.overflow that say that contacts or constraints were dropped, with the SimConfig

@@ -6,7 +6,7 @@ Navigation commands joint positions, manipulation small moves of the targets, so
 force and an untrained policy does not sweep the table; see docs/manipulation.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import warp as wp
 
@@ -20,6 +20,10 @@ INCREMENTAL = wp.constant(1)
 _FINGER = wp.constant(robot.JOINTS.index("gripper_finger"))
 
 wp.set_module_options({"enable_backward": False})
+
+
+_LARGEST = 100.0
+"""Of speeds, times and angles: more cannot be meant."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +52,17 @@ class IncrementConfig:
 
     def __post_init__(self) -> None:
         """Reject values that cannot move the robot."""
-        if len(self.joint_rate) != len(robot.JOINTS) or min(self.joint_rate) < 0.0:
+        slowest, fastest = min(self.joint_rate, default=0.0), max(self.joint_rate, default=0.0)
+        if len(self.joint_rate) != len(robot.JOINTS) or not 0.0 <= slowest <= fastest <= _LARGEST:
             raise ValueError(
                 f"manipulation.joint_rate must be {len(robot.JOINTS)} numbers, none negative, "
                 f"got {self.joint_rate}"
             )
         for name in ("lead_s", "gripper_span", "gripper_lead", "forward_speed", "turn_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"manipulation.{name} must be positive, got {getattr(self, name)}")
+            if not 0.0 < getattr(self, name) <= _LARGEST:
+                raise ValueError(
+                    f"manipulation.{name} must be positive, at most {_LARGEST:g}, got {getattr(self, name)}"
+                )
 
     @property
     def joint_lead(self) -> tuple[float, ...]:
@@ -63,6 +70,17 @@ class IncrementConfig:
         finger = robot.JOINTS.index("gripper_finger")
         lead = [rate * self.lead_s for rate in self.joint_rate]
         return (*lead[:finger], self.gripper_lead, *lead[finger + 1 :])
+
+
+@dataclass(frozen=True)
+class ManipulationConfig:
+    """A simulation with the grasping robot and an object.
+
+    Attributes:
+        increments: How actions move the joint targets.
+    """
+
+    increments: IncrementConfig = field(default_factory=IncrementConfig)
 
 
 @wp.struct

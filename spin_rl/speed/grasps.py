@@ -25,9 +25,10 @@ from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.scenes.tabletops.generator import generate_tabletops
 from spin_rl.scenes.tabletops.params import TabletopParams
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.graph import StepGraph
-from spin_rl.sim.manipulation import ManipulationConfig
+from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.targets import ManipulationConfig
 from spin_rl.speed.timing import Stopwatch
 
 CLOSE_STEPS, LIFT_STEPS, HOLD_STEPS = 10, 6, 6

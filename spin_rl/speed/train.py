@@ -146,7 +146,7 @@ def iteration_rates(run_dir: Path) -> list[float]:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     events = EventAccumulator(str(run_dir)).Reload()
-    rates = [event.value for event in events.Scalars("Perf/env_steps_per_second")]
+    rates = [event.value for event in events.Scalars("Perf/total_fps")]
     return rates[WARM_UP_ITERATIONS:]
 
 

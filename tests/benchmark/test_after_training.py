@@ -6,11 +6,12 @@ import pytest
 from spin_rl.benchmark import after_training, policies
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.reach import REACH_CELLS
+from spin_rl.benchmark.untrained import ZeroPolicy
 from spin_rl.tasks.nav.spec import NAV
 
 
 def standing(trained):
-    return policies.PolicySource({"policy": "run"}, trained, lambda obs, device: policies.ZeroPolicy())
+    return policies.PolicySource({"policy": "run"}, trained, lambda obs, device: ZeroPolicy())
 
 
 def test_a_run_is_evaluated_into_its_folder(monkeypatch, capsys, tmp_path, device):

@@ -15,9 +15,9 @@ from spin_rl.benchmark.tables import fetch as fetch_report
 from spin_rl.benchmark.tables import paper
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.fetch.config import FetchConfig, StageLimits
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig, StageLimits
 from spin_rl.tasks.fetch.env import FetchEnv
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, STAGES
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES
 
 DROPPED = FETCH_OUTCOMES.index("dropped")
 

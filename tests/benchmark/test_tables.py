@@ -53,7 +53,7 @@ def test_table_stands_beside_the_paper(six_cells):
     assert "SPIN (CVO)" in lines[1] and "FixCam" in lines[1]
     hard = lines[7]
     assert hard.split() == (
-        "2 hard 0.80 0.71-0.87 6.5 s 0.93 29.3 s 0.26 42.4 s base 75%, timeout 25%".split()
+        "2 L hard 0.80 0.71-0.87 6.5 s 0.93 29.3 s 0.26 42.4 s base 75%, timeout 25%".split()
     )
     # Columns line up.
     assert len({line.index("0.71-") for line in lines[2:8]}) == 1

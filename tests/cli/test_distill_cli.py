@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import hydra
 import pytest
-import safetensors.torch
 import torch
 import yaml
 from omegaconf import OmegaConf
@@ -71,7 +70,8 @@ def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_pa
 
 
 def test_async_is_not_for_torchrun(monkeypatch, capfd):
-    monkeypatch.setenv("WORLD_SIZE", "2")
+    for name, value in {"WORLD_SIZE": "2", "RANK": "0", "LOCAL_RANK": "0"}.items():
+        monkeypatch.setenv(name, value)
     with pytest.raises(SystemExit):
         run_main(monkeypatch, *TINY, "mode=async")
     assert "mode: async has two processes of its own" in capfd.readouterr().err
@@ -84,6 +84,7 @@ def test_distillation_from_start_to_resume(monkeypatch, capfd, tmp_path, device)
     run_main(monkeypatch, *options, "max_iterations=2")
     names = {str(path.relative_to(run_dir)) for path in run_dir.rglob("*.*") if "events" not in path.name}
     assert names == {
+        ".lock",
         "config.yaml",
         "summary.json",
         "checkpoints/last.pt",
@@ -128,7 +129,7 @@ def pick_teacher(tmp_path):
         "config": config,
     } | dict.fromkeys(("env_steps", "iteration", "minutes"), 0)
     path = tmp_path / "pick.safetensors"
-    safetensors.torch.save_file(weights, path, {policy_file._KEY: json.dumps(metadata)})
+    policy_file.write_policy(path, weights, metadata)
     return path
 
 

@@ -26,8 +26,10 @@ def run_main(monkeypatch, *arguments):
 @pytest.mark.parametrize(
     ("argument", "expected"),
     [
-        ("nonsense=1", "nonsense"),
-        ("robot=foo", "robot/foo"),
+        ("nonsense=1", "nonsense: unknown key; see spin-train --help"),
+        ("task.dificulty=1", "task.dificulty: unknown key; did you mean task.difficulty?"),
+        ("+max_minute=1", "max_minute: unknown key; did you mean max_minutes?"),
+        ("robot=foo", "robot: unknown 'foo'; choose from paper, re1"),
         ("baseline=fixcam_I", "baseline: is called camera now: camera=fixcam_I"),
         ("task.episode_s=-1", "task.episode_s must exceed"),
         ("task.episode_s=[", "task.episode_s=["),
@@ -72,7 +74,7 @@ def settings():
     [
         ("num_envs", 0, "num_envs: expected a whole number from 1 on, got 0"),
         ("num_envs", 2.0, "num_envs: expected a whole number from 1 on, got 2.0"),
-        ("num_envs", 2, "algorithm.num_mini_batches must be at most the 2 environments"),
+        ("num_envs", 2, "runner.algorithm.num_mini_batches must be at most the 2 environments"),
         ("seed", 1.5, "seed: expected a whole number from 0 on, got 1.5"),
         ("max_iterations", 0, "max_iterations: expected a whole number from 1 on"),
         ("max_iterations", None, "max_iterations: expected a whole number from 1 on"),
@@ -82,9 +84,9 @@ def settings():
         ("evaluate", True, "evaluate: expected a whole number from 0 on"),
         ("run_dir", None, "run_dir: expected a path, got None"),
         ("resume", 3, "resume: expected a path or null, got 3"),
-        ("runner.num_steps_per_env", 0, "runner.num_steps_per_env must be a positive integer"),
+        ("runner.num_steps_per_env", 0, "runner.num_steps_per_env: expected a whole number from 1"),
         ("runner.steps", 3, "runner.steps is not a setting"),
-        ("runner.obs_groups.actor", ["proprio", "lidar"], "obs_groups.actor must be of proprio, goal"),
+        ("runner.obs_groups.actor", ["proprio", "lidar"], "runner.obs_groups.actor must be of proprio, goal"),
     ],
 )
 def test_setting_is_checked(settings, key, value, message):
@@ -127,7 +129,7 @@ def test_training_from_start_to_resume(monkeypatch, capfd, tmp_path, device):
     names = {str(path.relative_to(run_dir)) for path in run_dir.rglob("*") if path.is_file()}
     events = {name for name in names if name.startswith("events.out.tfevents")}
     checkpoints = {"checkpoints/last.pt", "checkpoints/iteration_0000002.pt"}
-    assert names - events == {"config.yaml", "summary.json"} | checkpoints and len(events) == 1
+    assert names - events == {".lock", "config.yaml", "summary.json"} | checkpoints and len(events) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
     config = yaml.safe_load((run_dir / "config.yaml").read_text())
     assert config["num_envs"] == 16 and config["task"]["name"] == "nav"

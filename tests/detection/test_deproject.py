@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from spin_rl import robot
+from spin_rl.deploy.kinematics import Frame, Kinematics
 from spin_rl.detection.deproject import (
-    CameraKinematics,
-    CameraPose,
     Intrinsics,
     deproject,
     locate,
@@ -18,7 +17,7 @@ from spin_rl.sensors.depth.robot import upright
 
 MOUNTS = ("portrait", "landscape")
 SHAPES = {"portrait": (87, 58), "landscape": (58, 87)}
-AHEAD = CameraPose(np.zeros(3), np.eye(3))
+AHEAD = Frame(np.zeros(3), np.eye(3))
 
 
 def intrinsics(mount="portrait") -> Intrinsics:
@@ -67,6 +66,10 @@ def test_calibration_of_the_cameras_own_image(mount):
     np.testing.assert_allclose(camera.project(in_site), np.argwhere(turned)[0], atol=0.5)
 
 
+def camera_pose(joints):
+    return Kinematics()(np.array([joints[name] for name in robot.JOINTS]))[robot.CAMERA_SITE]
+
+
 def test_camera_pose_is_that_of_the_robots_site():
     """Seen from the base: C MuJoCo's robot stands somewhere, the other one at the origin."""
     m = robot.load_spec().compile()
@@ -77,22 +80,12 @@ def test_camera_pose_is_that_of_the_robots_site():
     mujoco.mj_kinematics(m, d)
     base, site = d.body("base"), d.site(robot.CAMERA_SITE)
     turn = base.xmat.reshape(3, 3)
-    pose = CameraKinematics()(joints)
+    pose = camera_pose(joints)
     np.testing.assert_allclose(pose.pos, turn.T @ (site.xpos - base.xpos), atol=1e-12)
     np.testing.assert_allclose(pose.mat, turn.T @ site.xmat.reshape(3, 3), atol=1e-12)
     ahead = site.xpos + 2.0 * site.xmat.reshape(3, 3)[:, 2]
     expected = turn.T @ (ahead - base.xpos)
     np.testing.assert_allclose(pose.to_base(np.array([0.0, 0.0, 2.0])), expected, atol=1e-12)
-
-
-def test_joints_a_little_beyond_their_limits_are_clipped():
-    kinematics = CameraKinematics()
-    limit = kinematics({**robot.STOWED, "head_tilt": 0.79})
-    np.testing.assert_array_equal(kinematics({**robot.STOWED, "head_tilt": 0.8}).mat, limit.mat)
-    with pytest.raises(ValueError, match="'head_tilt' is nan"):
-        kinematics({**robot.STOWED, "head_tilt": float("nan")})
-    with pytest.raises(ValueError, match="unknown joint 'neck'"):
-        kinematics({**robot.STOWED, "neck": 0.0})
 
 
 def scene(background=3.0) -> np.ndarray:
@@ -141,7 +134,7 @@ def test_locate(mount):
     low, high = pixel + 0.5 - half, pixel + 0.5 + half
     depth = np.full(camera.shape, 2.5)
     depth[int(low[0]) : int(high[0]) + 1, int(low[1]) : int(high[1]) + 1] = 1.2
-    pose = CameraKinematics()({**robot.STOWED, "head_pan": -0.4})
+    pose = camera_pose({**robot.STOWED, "head_pan": -0.4})
     detection = Detection("can", 0.9, (low[0], high[0], low[1], high[1]))
     point = locate(detection, depth, camera, pose)
     assert point is not None
@@ -152,7 +145,7 @@ def test_locate(mount):
 def test_a_camera_that_looks_ahead_sees_the_floor_below_the_horizon():
     """Signs: what is low and right in the image is low and right of the robot, whose y points left."""
     camera = intrinsics()
-    pose = CameraKinematics()({**robot.STOWED, "head_tilt": 0.0})
+    pose = camera_pose({**robot.STOWED, "head_tilt": 0.0})
     box = (70.0, 74.0, 50.0, 54.0)
     point = locate(Detection("can", 1.0, box), np.full(camera.shape, 1.0), camera, pose)
     assert point is not None

@@ -6,13 +6,15 @@ import pytest
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.detection.deproject import CameraKinematics, Intrinsics, locate
+from spin_rl.deploy.kinematics import Kinematics
+from spin_rl.detection.deproject import Intrinsics, locate
 from spin_rl.detection.interface import Detection
 from spin_rl.detection.segmentation import SegmentationDetector
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.depth.camera import DepthCamera
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.simulation import Simulation
 
 POOL = PoolSpec()
 # Where the can stands in the base frame, and where the robot stands: the camera looks over its right side.
@@ -126,9 +128,9 @@ def test_robots_own_way_gives_the_same_point(seen):
     The box's middle is not the pixels' mean: that makes up to a pixel, 2 cm at 1 m.
     """
     scenes, camera, detector, intrinsics = seen
-    kinematics = CameraKinematics()
+    kinematics = Kinematics()
     for world, some in enumerate(scenes):
-        pose = kinematics(dict(zip(robot.JOINTS, some.start_joints.tolist(), strict=True)))
+        pose = kinematics(some.start_joints)[robot.CAMERA_SITE]
         detection = Detection("can", 1.0, tuple(detector.box.numpy()[world].tolist()))
         point = locate(detection, camera.depth.numpy()[world], intrinsics, pose)
         assert point is not None

@@ -9,7 +9,8 @@ from onnx import TensorProto, helper
 from tiny_yolo import make_network
 
 from spin_rl.config import ConfigError
-from spin_rl.detection.deproject import CameraPose, Intrinsics, locate
+from spin_rl.deploy.kinematics import Frame
+from spin_rl.detection.deproject import Intrinsics, locate
 from spin_rl.detection.interface import best_of
 from spin_rl.detection.yolo import YoloDetector
 from spin_rl.detection.yolo_boxes import letterbox, suppress
@@ -87,7 +88,7 @@ def test_threshold(tmp_path):
 def test_from_image_to_point(tmp_path):
     """Through detector, depth and pose: a red square 1 m ahead, 0.2 m to the right, 0.1 m up."""
     camera = Intrinsics.from_fov((96, 96), (0.6, 0.6))
-    pose = CameraPose(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
+    pose = Frame(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
     row, column = (round(value - 0.5) for value in camera.project(np.array([-0.1, -0.2, 1.0])) + 0.5)
     top, left = row // 8 * 8, column // 8 * 8
     image = picture((96, 96), (RED, top, top + 8, left, left + 8))

@@ -91,7 +91,6 @@ def test_samples_follow_the_distribution():
 @pytest.mark.parametrize(
     ("groups", "settings", "message"),
     [
-        (GROUPS, {"encoder": "transformer"}, "actor.encoder"),
         ({"actor": ["scandots"]}, {}, "beside the scandots"),
         ({"actor": ["proprio", "scandots_odd"]}, {}, "scandots_odd"),
     ],

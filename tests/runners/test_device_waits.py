@@ -16,12 +16,10 @@ from spin_rl.runners.distillation.sequences import Sequences
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
-from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.config import NavConfig, NavNoise
 from spin_rl.tasks.nav.env import NavEnv
-from spin_rl.tasks.nav.observations import NavNoise
-from spin_rl.tasks.pick.config import PickConfig
+from spin_rl.tasks.pick.config import PickConfig, PickNoise
 from spin_rl.tasks.pick.env import PickEnv
-from spin_rl.tasks.pick.observations import PickNoise
 
 aten = torch.ops.aten
 # Of these the result, its shape or a check needs numbers on the host.

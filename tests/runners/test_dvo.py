@@ -273,7 +273,7 @@ def test_wrong_teachers_are_named(teacher, tmp_path):
     ("key", "value"), [("imitation_anneal", 0.0), ("imitation_anneal", 1.5), ("imitation_loss", -1.0)]
 )
 def test_impossible_settings_are_named(teacher, key, value):
-    with pytest.raises(ValueError, match=rf"algorithm\.{key} must be"):
+    with pytest.raises(ValueError, match=rf"algorithm\.{key}: expected"):
         PPORunner(CameraEnv(), phase_1b(teacher, **{key: value}))
     with pytest.raises(ValueError, match=r"algorithm\.imitation_los is not a setting"):
         PPORunner(CameraEnv(), phase_1b(teacher, imitation_los=1.0))

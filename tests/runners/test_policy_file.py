@@ -1,7 +1,5 @@
 """Policies written to files act as the model that was trained."""
 
-import json
-
 import pytest
 import safetensors.torch
 import torch
@@ -9,12 +7,13 @@ from fake_env import FakeEnv, make_config
 
 from spin_rl import paths
 from spin_rl.runners import PPORunner, load_policy, read_policy, save_policy
+from spin_rl.runners.policy_file import write_policy
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    runner = PPORunner(FakeEnv(), make_config(), folder, snapshot={"task": "fake", "num_envs": 12})
+    runner = PPORunner(FakeEnv(), make_config(), folder, snapshot={"task": {"name": "fake"}, "num_envs": 12})
     runner.train(2)
     return runner, folder
 
@@ -49,7 +48,7 @@ def test_loaded_policy_acts_as_the_trained_one(run, tmp_path, monkeypatch, sourc
     runner.alg.actor.train()
     assert torch.equal(act(policy), expected)
     assert metadata["facts"] == {"hardware": "two cores"}
-    assert read_policy(where).config == {"task": "fake", "num_envs": 12}
+    assert read_policy(where).config == {"task": {"name": "fake"}, "num_envs": 12}
     assert read_policy(where).metadata["env_steps"] == 2 * 8 * 12
 
 
@@ -96,7 +95,7 @@ def test_a_file_cannot_name_any_class(run, tmp_path, section):
     metadata = save_policy(path, run[1])
     attack = {"class_name": "subprocess:Popen", "args": ["true"]}
     metadata["actor"] = attack if section == "actor" else metadata["actor"] | {"distribution_cfg": attack}
-    safetensors.torch.save_file(safetensors.torch.load_file(path), path, {"spin_rl": json.dumps(metadata)})
+    write_policy(path, safetensors.torch.load_file(path), metadata)
     with pytest.raises(ValueError, match="class_name must be a"):
         load_policy(path)
 

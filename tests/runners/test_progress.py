@@ -1,10 +1,13 @@
 """Statistics of episodes, joined over processes, rollouts and iterations."""
 
 import math
+import sys
+from types import SimpleNamespace
 
 import pytest
+from rsl_rl.utils import wandb_log_writer
 
-from spin_rl.runners.progress import RecentEpisodes, join_statistics
+from spin_rl.runners.progress import RecentEpisodes, ScalarWriter, join_statistics
 
 ONE = {"episodes": 1.0, "success_rate": 1.0, "overflow/contacts": 2.0}
 OTHER = {"episodes": 3.0, "success_rate": 0.0, "overflow/contacts": 1.0}
@@ -35,3 +38,27 @@ def test_recent_episodes_forget_old_iterations():
     for part in (ONE, EMPTY, OTHER):
         recent.add(part)
     assert recent.mean("success_rate") == pytest.approx(0.25)
+
+
+def test_scalars_go_to_weights_and_biases_as_well(monkeypatch, tmp_path):
+    calls = []
+
+    class Config(dict):
+        pass
+
+    fake = SimpleNamespace(
+        init=lambda **options: calls.append(("init", options["project"])),
+        log=lambda values, step: calls.append((values, step)),
+        finish=lambda: calls.append("finish"),
+        config=Config(),
+    )
+    monkeypatch.setitem(sys.modules, "wandb", fake)
+    monkeypatch.setattr(wandb_log_writer, "wandb", fake)
+    writer = ScalarWriter(tmp_path, 0, "my-project", {"runner": {"seed": 1}})
+    scalars = {"Train/mean_reward": 1.5, "Loss/kl": math.nan, "Perf/env_steps": 100.0}
+    writer.write(1, scalars)
+    writer.close()
+    assert calls[0] == ("init", "my-project") and calls[-1] == "finish"
+    assert calls[1:-1] == [({"Train/mean_reward": 1.5}, 1), ({"Perf/env_steps": 100.0}, 1)]
+    assert fake.config == {"runner": {"seed": 1}}
+    assert list(tmp_path.glob("events.out.tfevents*"))

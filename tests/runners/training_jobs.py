@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -72,3 +73,16 @@ def train_and_hang(run_dir: Path) -> None:
     env = HangingEnv()
     env.run_dir = run_dir
     PPORunner(env, make_config(), run_dir).train(1)
+
+
+def train_under_a_launcher(run_dir: Path) -> None:
+    """Train for ever as one of torchrun's workers, and leave a file with the process's number."""
+    torch.set_num_threads(1)
+    (run_dir / f"pid_{os.getpid()}").touch()
+    runner = PPORunner(FakeEnv(seed=int(os.environ["RANK"])), make_config(), run_dir)
+    runner.train(1_000_000)
+    runner.close()
+
+
+if __name__ == "__main__":
+    train_under_a_launcher(Path(sys.argv[1]))

@@ -1,11 +1,14 @@
 """Scene files: what they mean, and one line for whatever is wrong with them."""
 
 import copy
+import time
 
 import numpy as np
 import pytest
 import warp as wp
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
@@ -22,6 +25,24 @@ GOOD = {
 }
 
 
+PIECES = [
+    b"&a ",
+    b"*a",
+    b"!!int ",
+    b"- ",
+    b": ",
+    b"? ",
+    b"{",
+    b"]",
+    b"\n",
+    b"\t",
+    b"#",
+    b"'",
+    b"|\n",
+    b"~",
+    b"1e999",
+    b"<<: ",
+]
 MOTION = {"to": [1.0, 1.0], "speed": 1.0}
 
 
@@ -193,6 +214,23 @@ BAD = {
         changed("start", "position", value=[2.1, -0.05]),
         r"start: .* collision \(.*box_0|start: .* collision \(box_0",
     ),
+    "goal at the start": (changed("goal", value=[0.5, -0.2]), "goal: must be at least 0.2 m from the start"),
+    "the same key twice": (
+        "start: {position: [0, 0]}\ngoal: [3, 0]\ngoal: [4, 0]\n",
+        "line 3: the key 'goal' is",
+    ),
+    "a tag that does not fit": ("start: !!bool abc\ngoal: [3, 0]\n", "not valid YAML: KeyError"),
+    "a tag of Python": ("start: !!python/object/apply:os.getcwd []", "not valid YAML at line 1"),
+    "a list as a key": ("? [1, 2]\n: 3\n", "not valid YAML"),
+    "20 MB of comment": ("#" * 20_000_000, "larger than 256 kB"),
+    "too many values": ("goal: [" + "1," * 60_000 + "]", "more than 50000 values"),
+    "aliases of aliases": (
+        "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 11)),
+        "more than 50000 values",
+    ),
+    "an alias of itself": ("start: &a [*a]", "stands for nothing yet"),
+    "lists in lists": ("goal: " + "[" * 200 + "]" * 200, "more than 20 lists"),
+    "lists without an end": ("goal: " + "[" * 200_000, "not valid YAML|more than"),
     "goal inside": (changed("goal", value=[3.0, 0.05]), "goal: lies inside cylinder_0"),
 }
 
@@ -201,10 +239,29 @@ BAD = {
 def test_bad_files_get_one_line_with_file_and_key(case, tmp_path):
     content, message = BAD[case]
     path = write(tmp_path, content)
+    start = time.process_time()
     with pytest.raises(ConfigError, match=message) as caught:
         load_scene(path)
+    assert time.process_time() - start < 1.0
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_any_file_is_a_scene_or_refused_in_one_line(tmp_path):
+    """Bytes of a good file are replaced; what is then read is read, and nothing else happens."""
+    content = yaml.safe_dump(GOOD).encode()
+    path = tmp_path / "scene.yaml"
+
+    @settings(max_examples=150, derandomize=True, deadline=None, database=None)
+    @given(st.integers(0, len(content)), st.integers(0, 6), st.binary(max_size=6) | st.sampled_from(PIECES))
+    def check(at, length, inserted):
+        path.write_bytes(content[:at] + inserted + content[at + length :])
+        try:
+            load_scene(path)
+        except ConfigError as error:
+            assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
+
+    check()
 
 
 def test_files_that_cannot_be_read(tmp_path):

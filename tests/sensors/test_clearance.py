@@ -12,7 +12,8 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.sensors.clearance import Clearance, robot_shapes
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.nav.config import NavConfig
 
 NUM_WORLDS = 40

@@ -9,8 +9,9 @@ from depth_scenes import GOLDEN, POOL, POSES, SITE, native, native_depth, scene
 
 from spin_rl import robot
 from spin_rl.sensors.depth.camera import DepthCamera, visible_geoms
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.graph import StepGraph
+from spin_rl.sim.simulation import Simulation
 
 TAN = robot.camera_tan_half_fov("portrait")
 SMALL = (29, 20)

@@ -17,8 +17,9 @@ from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.objects.shapes import KINDS, OBJECTS, SceneObject
-from spin_rl.sim import SimConfig, Simulation
-from spin_rl.sim.manipulation import ManipulationConfig
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.targets import ManipulationConfig
 
 CONFIG = from_mapping(SimConfig, OmegaConf.to_container(OmegaConf.load(CONF_DIR / "sim" / "grasp.yaml")))
 PROFILE = robot.SPEED_PROFILES["paper"]

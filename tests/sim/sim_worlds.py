@@ -5,7 +5,8 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec, Scene
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.simulation import Simulation
 
 POOL = PoolSpec()
 STOWED = tuple(robot.STOWED[joint] for joint in robot.JOINTS)

@@ -7,7 +7,7 @@ from sim_worlds import STOWED, advance, restart, scene_with, simulate
 
 from spin_rl import robot
 from spin_rl.scenes.builder import native_model
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.graph import StepGraph
 
 

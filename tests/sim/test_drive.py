@@ -12,7 +12,7 @@ import torch
 from sim_worlds import restart, scene_with, simulate
 
 from spin_rl import robot
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.graph import StepGraph
 
 COMMANDS = json.loads((Path(__file__).parents[1] / "data" / "command_sequence.json").read_text())

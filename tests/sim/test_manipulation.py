@@ -23,8 +23,8 @@ from grasp_worlds import (
 from spin_rl import robot
 from spin_rl.scenes.objects.model import MODEL_FIELDS
 from spin_rl.scenes.objects.shapes import OBJECTS
-from spin_rl.sim import Simulation
 from spin_rl.sim.graph import StepGraph
+from spin_rl.sim.simulation import Simulation
 from spin_rl.sim.targets import ABSOLUTE, IncrementConfig
 
 

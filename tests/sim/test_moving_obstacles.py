@@ -6,7 +6,8 @@ import pytest
 from sim_worlds import POOL, advance, restart, scene_with, simulate
 
 from spin_rl.scenes.builder import native_model
-from spin_rl.sim import SimConfig, simulation
+from spin_rl.sim import simulation
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.graph import StepGraph
 
 BOX, CYLINDER = POOL.first_box, POOL.first_cylinder

@@ -11,7 +11,8 @@ from sim_worlds import STOWED
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.sensors.scandots import Scandots
-from spin_rl.sim import SimConfig, Simulation
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.simulation import Simulation
 
 POOL = PoolSpec(num_walls=4, num_boxes=40, num_cylinders=16)
 NEARBY = 24

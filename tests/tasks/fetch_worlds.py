@@ -5,7 +5,7 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL
-from spin_rl.tasks.fetch.state import STAGES
+from spin_rl.tasks.fetch.config import STAGES
 
 REACH, ALIGN, PICK, RETRACT, CARRY, PLACE = range(len(STAGES))
 NUM_WORLDS = 4

@@ -1,12 +1,15 @@
 """What the commands know of the tasks, against the tasks themselves."""
 
+import dataclasses
 import pickle
+from types import SimpleNamespace
 
 import pytest
 
 from spin_rl.benchmark.registry import BENCHMARKS
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
+from spin_rl.tasks import registry
 from spin_rl.tasks.common.compose import compose
 from spin_rl.tasks.registry import TASKS, find_task
 
@@ -56,3 +59,13 @@ def test_a_task_takes_no_configuration_of_another(name):
 @pytest.mark.parametrize("name", TASKS)
 def test_another_process_can_be_told_the_task(name):  # in which it makes the environment
     assert pickle.loads(pickle.dumps(TASKS[name])) == TASKS[name]
+
+
+def test_another_package_can_add_a_task(monkeypatch):
+    mine = dataclasses.replace(TASKS["nav"], name="push")
+    point = SimpleNamespace(value="my_package:PUSH", load=lambda: mine)
+    monkeypatch.setattr(registry, "entry_points", lambda group, name: [point] if name == "push" else [])
+    assert find_task("push") is mine
+    mine = TASKS["nav"]
+    with pytest.raises(ConfigError, match=r"^task: my_package:PUSH is no TaskSpec with the name 'push'"):
+        find_task("push")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from viewer_worlds import POOL, SCENE, fetch_snapshot, pick_snapshot, snapshot
 
-from spin_rl.benchmark.policies import ZeroPolicy
+from spin_rl.benchmark.untrained import ZeroPolicy
 from spin_rl.config import ConfigError
 from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv

@@ -7,18 +7,18 @@ import warp as wp
 from viewer_worlds import SCENE, fetch_snapshot, snapshot
 
 from spin_rl import robot
-from spin_rl.benchmark.policies import RandomPolicy, ZeroPolicy
+from spin_rl.benchmark.untrained import RandomPolicy, ZeroPolicy
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.fetch.config import FetchConfig
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig
 from spin_rl.tasks.fetch.env import FetchEnv
-from spin_rl.tasks.fetch.state import STAGES
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.pick.config import PickConfig
 from spin_rl.tasks.pick.env import PickEnv
 from spin_rl.viewer.plots import GROUPS, nearest, plot_episode, trace_of, write_plots
-from spin_rl.viewer.rollout import Player, scandots_of
+from spin_rl.viewer.reader import scandots_of
+from spin_rl.viewer.rollout import Player
 from spin_rl.viewer.video import play
 
 

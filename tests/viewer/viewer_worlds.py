@@ -7,7 +7,7 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.objects.shapes import KINDS, SceneObject
-from spin_rl.tasks.fetch.state import STAGES
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.viewer.snapshot import Scandots, Snapshot, Target
 
 POOL = PoolSpec()

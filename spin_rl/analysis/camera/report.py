@@ -108,8 +108,10 @@ def plot(result: dict[str, Any], path: Path) -> None:
     for variant in sweep:
         if "(" in variant["name"]:
             text = variant["name"].partition("(")[2].rstrip(")")
-            where = (variant["camera_pose"][1], 0.02)
-            axes.annotate(text, where, rotation=90, fontsize=7, ha="center", va="bottom")
+            tilt, top = variant["camera_pose"][1], axes.get_xaxis_transform()
+            axes.axvline(tilt, color="0.85", linewidth=0.8, zorder=0)
+            # Above the frame, where no error bar comes.
+            axes.text(tilt, 1.01, text, transform=top, rotation=90, fontsize=7, ha="center", va="bottom")
     own, frozen = variants[0], variants[1]
     motion = own["camera"]["tilt"]
     axes.errorbar(
@@ -137,7 +139,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
         if variant["kind"] == "blind":
             axes.axhline(variant["mean_success"], color="0.5", linestyle=":", label="blind control")
     axes.set(xlabel="camera tilt [rad], negative is down", ylabel="success rate", ylim=(-0.02, 1.02))
-    axes.set_title(f"{result['policy']}, {own['rows'][0]['episodes']} episodes per cell", fontsize=10)
+    figure.suptitle(f"{result['policy']}, {own['rows'][0]['episodes']} episodes per cell", fontsize=10)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -37,8 +37,23 @@ def plot(result: dict[str, Any], path: Path) -> None:
     model = robot.load_spec().compile()
     for i, failure in enumerate(failures):
         _draw(figure.add_subplot(rows, columns, i + 1), failure, model)
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=7)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
+
+
+def _legend() -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    levels = {"low": "low obstacle", "arm": "at arm height", "head": "at head height", "tall": "tall"}
+    return [
+        *(Patch(color="#%02x%02x%02x" % style.LEVEL[level], label=label) for level, label in levels.items()),
+        Patch(facecolor="none", edgecolor="red", label="what was hit"),
+        Line2D([], [], color="red", label="part that hit it"),
+        Line2D([], [], color="black", label="robot"),
+        Line2D([], [], color="g", marker="*", linestyle="none", label="goal"),
+    ]
 
 
 def _draw(axes: Any, failure: Failure, model: mujoco.MjModel) -> None:
@@ -58,6 +73,8 @@ def _draw(axes: Any, failure: Failure, model: mujoco.MjModel) -> None:
     axes.plot(*failure.goal, "g*")
     axes.set(xlim=(x - _VIEW_M, x + _VIEW_M), ylim=(y - _VIEW_M, y + _VIEW_M), aspect="equal")
     axes.tick_params(labelsize=6)
+    axes.set_xlabel("x [m]", fontsize=6)
+    axes.set_ylabel("y [m]", fontsize=6)
     what = ", ".join(failure.contacts) or failure.outcome
     where = f"{failure.condition} seed {failure.seed} world {failure.world}"
     axes.set_title(f"{what}, {failure.time_s:.1f} s\n{where}", fontsize=7)

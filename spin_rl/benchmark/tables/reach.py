@@ -8,6 +8,7 @@ from typing import Any
 
 from spin_rl.benchmark.settings import noise_label
 from spin_rl.benchmark.tables.paper import REACH, PaperCell
+from spin_rl.scenes.kinds import SCENARIO_NAMES
 
 PAPER_ROWS = ("SPIN (CVO)", "FixCam")
 _MAX_CAUSES = 3
@@ -43,7 +44,9 @@ def cell_table(
         cell = row["scenario"], row["difficulty"]
         more = [say(row) for say in extra.values()]
         beside = [paper_figures(paper[name][cell]) for name in columns] if paper else []
-        body.append([str(cell[0]), cell[1], *figures(row), *more, *beside, main_causes(row)])
+        name = SCENARIO_NAMES.get(cell[0])  # a scene file is a scenario of its own
+        scenario = cell[0] if name is None else f"{cell[0]} {name}"
+        body.append([scenario, cell[1], *figures(row), *more, *beside, main_causes(row)])
     return "\n".join([heading, *align([header, *body]), notes(result, paper is not None)])
 
 
@@ -111,4 +114,5 @@ def headline(result: dict[str, Any]) -> str:
     """One line that sums a result up."""
     rows = result["rows"]
     mean = sum(row["success_rate"] for row in rows) / len(rows)
-    return f"mean success {mean:.2f} over {len(rows)} cells, {sum(row['episodes'] for row in rows)} episodes"
+    cells = "1 cell" if len(rows) == 1 else f"{len(rows)} cells"
+    return f"mean success {mean:.2f} over {cells}, {sum(row['episodes'] for row in rows)} episodes"

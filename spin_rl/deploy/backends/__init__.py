@@ -14,7 +14,7 @@ from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import Robot
 
-BACKENDS = {"mujoco": "spin_rl.deploy.backends.mujoco"}
+BACKENDS = {name: f"{__name__}.{name}" for name in ("mujoco", "stretch", "ros2")}
 """Module of every back end by its name."""
 
 
@@ -34,4 +34,7 @@ def open_backend(name: str, settings: Mapping[str, Any], contract: Contract) -> 
         raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
     except ImportError as error:
         raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
-    return module.open_robot(settings, contract)
+    try:
+        return module.open_robot(settings, contract)
+    except ImportError as error:  # of a library that only this back end needs
+        raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None

@@ -18,12 +18,15 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.config import Choice, Range, from_mapping
 from spin_rl.deploy.backends.cameras import RAYS, RENDERERS, make_camera
+from spin_rl.deploy.backends.handled import IMPRATIO, HandledObject, standing_object
 from spin_rl.deploy.backends.motion import Movers
 from spin_rl.deploy.backends.scandots import NativeScandots
 from spin_rl.deploy.contract import Contract, Profile
 from spin_rl.deploy.interface import Command, Connection, DepthFrame, RobotState
+from spin_rl.deploy.observations import in_base
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.objects.shapes import OBJECTS, SceneObject
 from spin_rl.scenes.scene_file import find_scene, load_scene
 
 TIMESTEP_S = 0.002
@@ -42,12 +45,21 @@ class Settings:
         pixels: Columns of the camera's own image; None takes the policy's.
         realtime: Whether simulated time passes as real time does.
         renderer: What makes the images, see `cameras`.
+        object: An object to grasp; with one, policies that pick and fetches are told what they must know.
+        object_at: Where it stands, on the highest box there, which is the table [m].
     """
 
     scene: Path
     pixels: Annotated[int, Range(1, 1280)] | None = None
     realtime: bool = False
     renderer: Annotated[str, Choice(RENDERERS)] = RAYS
+    object: Annotated[str, Choice(OBJECTS)] | None = None
+    object_at: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Reject one without the other."""
+        if (self.object is None) != (self.object_at is None):
+            raise ValueError("robot.object, robot.object_at: one needs the other")
 
 
 def open_robot(settings: Mapping[str, Any], contract: Contract) -> MujocoRobot:
@@ -58,7 +70,12 @@ def open_robot(settings: Mapping[str, Any], contract: Contract) -> MujocoRobot:
     """
     cfg = from_mapping(Settings, settings, "robot")
     scene = load_scene(find_scene(cfg.scene))
-    return MujocoRobot(scene, contract, pixels=cfg.pixels, realtime=cfg.realtime, renderer=cfg.renderer)
+    thing = None
+    if cfg.object is not None and cfg.object_at is not None:
+        thing = standing_object(scene, cfg.object, cfg.object_at)
+    return MujocoRobot(
+        scene, contract, pixels=cfg.pixels, realtime=cfg.realtime, renderer=cfg.renderer, thing=thing
+    )
 
 
 class Umpire(Protocol):
@@ -87,6 +104,7 @@ class MujocoRobot:
         data: Its state.
         touched: Names of the geoms that touched each other so far.
         umpire: Looks on, if there is one.
+        handled: What it knows of the object to grasp, if there is one.
     """
 
     def __init__(
@@ -97,6 +115,7 @@ class MujocoRobot:
         pixels: int | None = None,
         realtime: bool = False,
         renderer: str = RAYS,
+        thing: tuple[SceneObject, int] | None = None,
     ) -> None:
         """Put the robot at the scene's start.
 
@@ -106,9 +125,10 @@ class MujocoRobot:
             pixels: See `Settings`.
             realtime: See `Settings`.
             renderer: See `Settings`.
+            thing: An object to grasp, and the slot of the table that it stands on.
         """
         self.clock = self
-        self.model = native_model(scene, movable=True)
+        self.model = native_model(scene, obj=None if thing is None else thing[0], movable=True)
         self.model.opt.timestep = TIMESTEP_S
         defaults = mujoco.MjOption()
         self.model.opt.iterations, self.model.opt.ls_iterations = defaults.iterations, defaults.ls_iterations
@@ -117,6 +137,10 @@ class MujocoRobot:
             actuator = self.model.actuator(joint).id
             self.model.actuator_forcelimited[actuator] = True
             self.model.actuator_forcerange[actuator] = -force, force
+        self.handled: HandledObject | None = None
+        if thing is not None:
+            self.model.opt.impratio = IMPRATIO
+            self.handled = HandledObject(scene, thing[1], thing[0], self.model, contract)
         self.data = mujoco.MjData(self.model)
         self.touched: set[tuple[str, str]] = set()
         self.umpire: Umpire | None = None
@@ -139,7 +163,10 @@ class MujocoRobot:
 
     def connect(self) -> Connection:
         """Say what there is."""
-        return Connection(is_real=False, camera=self._camera.info, goal=self._goal)
+        object_b = None
+        if self.handled is not None:
+            object_b = tuple(in_base(self.handled.start, self.data.qpos[:3]).tolist())
+        return Connection(is_real=False, camera=self._camera.info, goal=self._goal, object_b=object_b)
 
     def now(self) -> float:
         """Return the simulated time [s]."""
@@ -148,12 +175,16 @@ class MujocoRobot:
     def sleep_until(self, time_s: float) -> None:
         """Simulate up to a time [s]."""
         is_step = self.data.time < time_s - 1e-9
+        if is_step and self.handled is not None:
+            self.handled.clear()
         while self.data.time < time_s - 1e-9:
             self._servos.drive(self._command, self.data)
             self._movers.advance(self.data.qpos[:2], TIMESTEP_S)
             self._put_movers()
             mujoco.mj_step(self.model, self.data)
             self._note_contacts()
+            if self.handled is not None:
+                self.handled.add_substep(self.data)
             if self.umpire is not None:
                 self.umpire.add_substep(self.data)
         if is_step and self.umpire is not None:
@@ -191,11 +222,14 @@ class MujocoRobot:
         """Do nothing: there are no devices."""
 
     def told(self) -> Mapping[str, np.ndarray]:
-        """Return the scandots of a policy that needs them, which a simulator knows."""
-        if self._scandots is None:
-            return {}
+        """Return what a simulator knows: scandots of a policy that needs them, and all about an object."""
         mujoco.mj_kinematics(self.model, self.data)
-        return self._scandots.group(self.data, self._movers)
+        groups: dict[str, np.ndarray] = {}
+        if self._scandots is not None:
+            groups |= self._scandots.group(self.data, self._movers)
+        if self.handled is not None:
+            groups |= self.handled.told(self.data)
+        return groups
 
     def _holding(self) -> Command:
         return Command(0.0, 0.0, _joints(self.data.qpos), np.full(len(robot.JOINTS), np.inf))
@@ -229,7 +263,7 @@ class _Servos:
         yaw = data.qpos[2] + 0.5 * TIMESTEP_S * self._base[1]
         forward, turn = self._base
         limit = self._share * command.joint_speed[self._joint]
-        gap = self._share * command.joints[self._joint] - data.qpos[3:]
+        gap = self._share * command.joints[self._joint] - data.qpos[3 : len(robot.DOF_NAMES)]
         data.ctrl[:3] = forward * math.cos(yaw), forward * math.sin(yaw), turn
         data.ctrl[3:] = np.clip(gap * self._gain, -limit, limit)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import rsl_rl.algorithms
 import torch
@@ -17,7 +17,9 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import nn
 
+from spin_rl.config import Choice, Range
 from spin_rl.models import ScandotModel
+from spin_rl.ranges import Epochs, GradNorm, LearningRate, MiniBatches, Weight
 from spin_rl.runners.checkpoint import weights_digest
 from spin_rl.runners.distillation.sequences import Recorder, Sequences, mean_actions
 from spin_rl.runners.distillation.student import build_student
@@ -49,14 +51,14 @@ class Distillation(rsl_rl.algorithms.Distillation):
         teacher: ScandotModel,
         sequences: Sequences,
         camera_actions: Sequence[int] = (),
-        num_learning_epochs: int = 1,
-        num_mini_batches: int = 4,
-        freeze_iterations: int = 1000,
-        latent_loss: float = 0.0,
-        learning_rate: float = 1e-3,
-        min_learning_rate: float = 1e-4,
-        schedule: str = "fixed",
-        max_grad_norm: float = 1.0,
+        num_learning_epochs: Epochs = 1,
+        num_mini_batches: MiniBatches = 4,
+        freeze_iterations: Annotated[int, Range(0, 10**9)] = 1000,
+        latent_loss: Weight = 0.0,
+        learning_rate: LearningRate = 1e-3,
+        min_learning_rate: LearningRate = 1e-4,
+        schedule: Annotated[str, Choice(SCHEDULES)] = "fixed",
+        max_grad_norm: GradNorm = 1.0,
         device: str = "cpu",
         multi_gpu_cfg: dict | None = None,
     ) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 from tensordict import TensorDict
 
 from spin_rl.config import from_mapping
-from spin_rl.runners.config import check_class, check_learning, check_loop
-from spin_rl.runners.distillation.algorithm import SCHEDULES, Distillation
+from spin_rl.runners.config import check_class, check_learning, check_loop, check_teacher_name
+from spin_rl.runners.distillation.algorithm import Distillation
 from spin_rl.runners.loop import TrainingLoop
 from spin_rl.runners.remote.ring import RingConfig
 
@@ -46,12 +46,8 @@ def check_distillation(cfg: dict[str, Any], observed: Collection[str], num_envs:
     """
     check_loop(cfg, observed, ("actor",), ("asynchronous",))
     algorithm = cfg["algorithm"]
+    check_teacher_name(algorithm.get("teacher"))
     given = ("student", "sequences", "camera_actions", "device", "multi_gpu_cfg")
-    check_class(algorithm, Distillation, "algorithm", given)
-    if not isinstance(algorithm.get("teacher"), str):
-        raise ValueError(f"teacher: expected the name or path of a policy, got {algorithm.get('teacher')!r}.")
-    check_learning(algorithm, SCHEDULES, num_envs)
-    from_mapping(RingConfig, cfg.get("asynchronous") or {}, "asynchronous")
-    freeze = algorithm.get("freeze_iterations", 0)
-    if type(freeze) is not int or freeze < 0:
-        raise ValueError(f"algorithm.freeze_iterations must be a whole number from 0 on, not {freeze!r}.")
+    check_class(algorithm, Distillation, "runner.algorithm", given)
+    check_learning(algorithm, num_envs)
+    from_mapping(RingConfig, cfg.get("asynchronous") or {}, "runner.asynchronous")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from tensordict import TensorDict
 
+from spin_rl.groups import replaceable_group
 from spin_rl.models import LSTMState, ScandotModel
-from spin_rl.models.groups import replaceable_group
 
 
 @dataclass

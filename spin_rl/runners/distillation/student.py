@@ -8,8 +8,8 @@ from typing import Any
 from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 
+from spin_rl.groups import HAND_IN_IMAGE, PRIVILEGED, is_encoded, is_seen, replaceable_group
 from spin_rl.models import ScandotModel
-from spin_rl.models.groups import HAND_IN_IMAGE, PRIVILEGED, is_encoded, is_seen, replaceable_group
 
 
 def build_student(obs: TensorDict, cfg: Mapping[str, Any], num_actions: int) -> ScandotModel:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import chain
-from typing import Any
+from typing import Annotated, Any
 
 import rsl_rl.algorithms
 import torch
@@ -17,7 +17,9 @@ from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 from torch import nn
 
+from spin_rl.config import Choice, Range
 from spin_rl.models import LSTMState, ScandotModel, ScandotRecurrentModel
+from spin_rl.ranges import Epochs, GradNorm, LearningRate, MiniBatches, Share, Weight
 from spin_rl.runners.ppo.storage import Batch, SequenceStorage
 
 SCHEDULES = ("adaptive", "fixed", "linear")
@@ -43,20 +45,20 @@ class PPO(rsl_rl.algorithms.PPO):
         actor: ScandotModel,
         critic: ScandotModel,
         storage: SequenceStorage,
-        num_learning_epochs: int = 5,
-        num_mini_batches: int = 4,
-        clip_param: float = 0.2,
-        gamma: float = 0.99,
-        lam: float = 0.95,
-        value_loss_coef: float = 1.0,
-        entropy_coef: float = 5e-4,
-        learning_rate: float = 1e-3,
-        min_learning_rate: float = 1e-5,
-        max_learning_rate: float = 1e-2,
-        max_grad_norm: float = 1.0,
+        num_learning_epochs: Epochs = 5,
+        num_mini_batches: MiniBatches = 4,
+        clip_param: Annotated[float, Range(0.0, 10.0, above=True)] = 0.2,
+        gamma: Share = 0.99,
+        lam: Share = 0.95,
+        value_loss_coef: Weight = 1.0,
+        entropy_coef: Weight = 5e-4,
+        learning_rate: LearningRate = 1e-3,
+        min_learning_rate: LearningRate = 1e-5,
+        max_learning_rate: LearningRate = 1e-2,
+        max_grad_norm: GradNorm = 1.0,
         use_clipped_value_loss: bool = True,
-        schedule: str = "adaptive",
-        desired_kl: float = 0.01,
+        schedule: Annotated[str, Choice(SCHEDULES)] = "adaptive",
+        desired_kl: Annotated[float, Range(0.0, 10.0, above=True)] = 0.01,
         device: str = "cpu",
         multi_gpu_cfg: dict | None = None,
     ) -> None:

@@ -13,6 +13,7 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
 from spin_rl.models import ScandotModel
+from spin_rl.ranges import Share, Weight
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.runners.ppo.algorithm import PPO
@@ -125,10 +126,10 @@ class ImitationPPO(PPO):
         self,
         *args: Any,
         teacher: Teacher,
-        task_reward: float = 1.0,
-        imitation_reward: float = 0.05,
-        imitation_loss: float = 0.5,
-        imitation_anneal: float = 0.5,
+        task_reward: Weight = 1.0,
+        imitation_reward: Weight = 0.05,
+        imitation_loss: Weight = 0.5,
+        imitation_anneal: Share = 0.5,
         bootstrap_ends: bool = False,
         **settings: Any,
     ) -> None:
@@ -168,10 +169,7 @@ class ImitationPPO(PPO):
     @staticmethod
     def construct_algorithm(obs: TensorDict, env: VecEnv, cfg: dict, device: str) -> PPO:
         """Build everything, the teacher too."""
-        source = cfg["algorithm"].get("teacher")
-        if not isinstance(source, str):
-            raise ValueError(f"teacher: expected the name or path of a policy, got {source!r}.")
-        teacher = Teacher.load(source, obs, env.num_actions, Camera.of(env), device)
+        teacher = Teacher.load(cfg["algorithm"]["teacher"], obs, env.num_actions, Camera.of(env), device)
         return PPO.construct_algorithm(
             obs, env, cfg | {"algorithm": cfg["algorithm"] | {"teacher": teacher}}, device
         )

@@ -20,4 +20,4 @@ class PPORunner(TrainingLoop):
         check_config(cfg, list(map(str, obs.keys())), num_envs)
 
     def _scalars(self, losses: dict[str, float]) -> dict[str, float]:
-        return {"Policy/std": self.alg.actor.output_std.mean().item()}
+        return {"Policy/mean_std": self.alg.actor.output_std.mean().item()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import shutil
+import time
 from collections.abc import Callable
 from multiprocessing.connection import wait
 from multiprocessing.context import ForkServerContext, SpawnContext
@@ -31,6 +32,8 @@ from spin_rl.runners.remote.ring import Ring, RingConfig
 
 _SHARED_MEMORY = Path("/dev/shm")
 _PATIENCE_S = 10.0
+_SLICE_S = 0.5
+_REPORT_S = 15.0
 
 
 class CollectorError(RuntimeError):
@@ -118,13 +121,24 @@ class RemoteEnv:
         """Whether a message is there."""
         return self._connection.poll()
 
-    def receive(self) -> Any:
+    def receive(self, check: Callable[[], None] | None = None) -> Any:
         """Wait for the next message.
+
+        Args:
+            check: Called now and then while there is none; what it raises ends the waiting. With it, what
+                takes long is told.
 
         Raises:
             CollectorError: It tells of an error, or there will be none.
         """
-        wait([self._connection, self._process.sentinel])
+        start = reported = time.monotonic()
+        while not wait([self._connection, self._process.sentinel], _SLICE_S):
+            now = time.monotonic()
+            if check is not None:
+                check()
+            if check is not None and now - reported >= _REPORT_S:
+                reported = now
+                print(f"\nStill waiting for the collecting process, {now - start:.0f} s", flush=True)
         try:
             message = receive(self._connection) if self._connection.poll() else None
         except (EOFError, ConnectionResetError):
@@ -183,7 +197,7 @@ class AsyncDistillRunner(DistillRunner):
         """Build models and algorithm; arguments as of `DistillRunner`."""
         # It has no `step`: rollouts come from the other process.
         super().__init__(cast(TrainingEnv, env), cfg, run_dir, device, snapshot)
-        ring = from_mapping(RingConfig, self.cfg.get("asynchronous") or {}, "asynchronous")
+        ring = from_mapping(RingConfig, self.cfg.get("asynchronous") or {}, "runner.asynchronous")
         self._ring = Ring(ring)
         self._blocks = _allocate_shared(self.alg.sequences, ring.blocks)
         self._weights = SharedWeights(self.alg.student)
@@ -196,17 +210,16 @@ class AsyncDistillRunner(DistillRunner):
         Raises:
             CollectorError: It failed; a checkpoint is saved.
         """
+        try:
+            return super().train(max_iterations, max_minutes)
+        finally:
+            self.env.close()
+
+    def _begin(self) -> None:
         self._weights.publish(self.alg.student, self.alg.num_updates)
         teacher = copy.deepcopy(self.alg.teacher).cpu()
         teacher.reset()  # the collector's episodes are its own
-        try:
-            self.env.begin(self.cfg, self._blocks, self._weights, teacher, self.run_dir)
-            return super().train(max_iterations, max_minutes)
-        except CollectorError:
-            self._save_numbered()
-            raise
-        finally:
-            self.env.close()
+        self.env.begin(self.cfg, self._blocks, self._weights, teacher, self.run_dir)
 
     def close(self) -> None:
         """End the collecting process."""
@@ -220,7 +233,7 @@ class AsyncDistillRunner(DistillRunner):
         for slot in self._ring.release(now):
             self.env.give(slot)
         while (slot := self._ring.choose(now)) is None or self.env.poll():
-            arrived.append(self._take_over(self.env.receive(), now))
+            arrived.append(self._take_over(self.env.receive(self._check_stop), now))
         self._slot = slot
         staleness, uses = self._ring.use(slot, now)
         self._asynchronous = {"Async/staleness": staleness, "Async/uses": uses, "Async/arrived": len(arrived)}

@@ -1,6 +1,5 @@
 """Parameters of the corridor generator and what of them is possible."""
 
-import math
 from dataclasses import dataclass, fields
 
 from spin_rl import robot
@@ -8,6 +7,9 @@ from spin_rl.scenes.layout import PoolSpec
 
 HIDDEN_DEPTH_M = 0.03
 """How deep inside its wall an obstacle waits; a wall hides what lies 15 mm behind its face."""
+
+_LARGEST = 1000.0
+"""Of any parameter [m, rad, m/s]: more cannot be meant."""
 
 # How far the driving robot, arm stowed, extends ahead of its origin, with a margin.
 _REACH_M = 0.4
@@ -129,13 +131,16 @@ class GeneratorParams:
         """Reject values that cannot make a solvable corridor."""
         for field in fields(GeneratorParams):
             value = getattr(self, field.name)
-            if isinstance(value, tuple):
-                _require(
-                    len(value) == 2 and math.isfinite(value[1] - value[0]) and value[0] <= value[1],
-                    f"scene.{field.name} must be (low, high), got {value}",
-                )
-            else:
-                _require(math.isfinite(value), f"scene.{field.name} must be finite, got {value}")
+            pair = value if isinstance(value, tuple) else (value, value)
+            what = "(low, high)" if pair is value else "a number"
+            _require(
+                len(pair) == 2 and pair[0] <= pair[1] and max(map(abs, pair)) <= _LARGEST,
+                f"scene.{field.name} must be {what} of at most {_LARGEST:g}, got {value}",
+            )
+            _require(
+                field.name in START_RANGES or pair[0] >= 0.0,
+                f"scene.{field.name} must not be negative, got {value}",
+            )
         for name in (
             "wall_thickness",
             "first_obstacle",
@@ -167,8 +172,9 @@ class GeneratorParams:
             _require(
                 getattr(self, name)[0] > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}"
             )
-        for name in ("max_distractors", "start_tries"):
-            _require(getattr(self, name) >= 1, f"scene.{name} must be at least 1, got {getattr(self, name)}")
+        for name, high in (("max_distractors", PoolSpec().num_boxes), ("start_tries", 1000)):
+            value = getattr(self, name)
+            _require(1 <= value <= high, f"scene.{name} must be at least 1 and at most {high}, got {value}")
         for name in ("cylinder_share", "standing_share", "corner_share"):
             _require(
                 0.0 <= getattr(self, name) <= 1.0,

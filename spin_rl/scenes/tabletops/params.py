@@ -2,7 +2,6 @@
 # (to a type checker, a Warp struct is an object, not a class)
 """Parameters of the tabletop generator, on the host and as the struct that its kernel reads."""
 
-import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
 
@@ -86,8 +85,9 @@ class TabletopParams:
             value = getattr(self, field.name)
             pair = value if isinstance(value, tuple) else (value, value)
             _require(
-                len(pair) == 2 and all(map(math.isfinite, pair)) and pair[0] <= pair[1],
-                f"scene.{field.name} must be {'(low, high)' if pair is value else 'finite'}, got {value}",
+                len(pair) == 2 and pair[0] <= pair[1] and max(map(abs, pair)) <= _LARGEST,
+                f"scene.{field.name} must be {'(low, high)' if pair is value else 'finite'}, at most "
+                f"{_LARGEST:g}, got {value}",
             )
             if field.name not in _SIGNED:
                 _require(pair[0] >= 0.0, f"scene.{field.name} must not be negative, got {value}")
@@ -103,6 +103,7 @@ class TabletopParams:
             )
 
 
+_LARGEST = 100.0
 # Bounds within which starts are free of contact and objects within reach; joints have those of the robot.
 _LIMITS = (
     ("table_top", 0.3, 1.0),
@@ -116,6 +117,7 @@ _LIMITS = (
     ("start_wrist_pitch", -0.5, 0.2),
     ("start_wrist_roll", -0.3, 0.3),
     ("wall_share", 0.0, 1.0),
+    ("max_distractors", 0, 100),
     ("near_finger", robot.GRASP_FINGER_LOWER, 0.6),
     ("start_gripper_finger", robot.GRASP_FINGER_LOWER, 0.6),
     *(

@@ -20,9 +20,9 @@ _ARM_MAX = wp.constant(robot.JOINT_UPPER[1])
 HAND_X_M = -0.0214
 _HAND_X = wp.constant(HAND_X_M)
 _PITCH_Y = wp.constant(-0.14495)
-_PITCH_Z = wp.constant(0.1395)
-_AHEAD = wp.constant(0.264359)
-_BELOW = wp.constant(0.024)
+_PITCH_Z = wp.constant(robot.HAND_Z_M)
+_AHEAD = wp.constant(robot.HAND_AHEAD_M)
+_BELOW = wp.constant(robot.HAND_BELOW_M)
 # The palm's capsule seen from there: its front end and how far its skin is below; the pads' skin likewise.
 _PALM_AHEAD = wp.constant(0.1249)
 _PALM_BELOW = wp.constant(0.0735)
@@ -34,9 +34,8 @@ _ROLL_DROP = wp.constant(0.02)
 """How much lower a finger gets by the start's roll."""
 _HAND_HALF_WIDTH = wp.constant(0.04)
 """What the open fingers add to the reach of a gripper that is turned against the table."""
-# The head's pan axis, and about how high the camera is.
-_HEAD_X = wp.constant(0.0061)
-_HEAD_Z = wp.constant(1.36)
+_HEAD_X = wp.constant(robot.HEAD_X_M)
+_HEAD_Z = wp.constant(robot.HEAD_Z_M)
 
 wp.set_module_options({"enable_backward": False})
 

@@ -9,13 +9,11 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from spin_rl.sensors.depth.size import PIXELS
 from spin_rl.warp_kernels.depth.draw import draw_depth
 from spin_rl.warp_kernels.depth.records import DepthBuffers, project_geoms
 from spin_rl.warp_kernels.depth.screen import make_image
 from spin_rl.warp_kernels.depth.shapes import LANES
-
-PIXELS = (87, 58)
-"""Default pixels along the longer and the shorter side (paper, "Implementation Details")."""
 
 SOLID_TYPES = tuple(
     int(kind)

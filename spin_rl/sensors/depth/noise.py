@@ -12,6 +12,9 @@ import warp as wp
 from spin_rl.warp_kernels.images import frames as depth_images
 from spin_rl.warp_kernels.images import noise as kernels
 
+MOST_PATCHES = 1000
+MOST_LATENCY_STEPS = 50
+
 
 @dataclass(frozen=True)
 class DepthNoiseConfig:
@@ -72,11 +75,18 @@ class DepthNoiseConfig:
             raise ValueError(f"depth.noise.max_range_m must exceed min_range_m, got {self.max_range_m}")
         if not 0.0 < self.edge_jump < math.inf:
             raise ValueError(f"depth.noise.edge_jump must be positive, got {self.edge_jump}")
-        if not 1.0 <= self.patch_radius_px < math.inf:
-            raise ValueError(f"depth.noise.patch_radius_px must be at least 1, got {self.patch_radius_px}")
+        if self.patches > MOST_PATCHES:
+            raise ValueError(f"depth.noise.patches must be at most {MOST_PATCHES}, got {self.patches}")
+        if not 1.0 <= self.patch_radius_px <= 1000.0:
+            raise ValueError(
+                f"depth.noise.patch_radius_px must be at least 1 and at most 1000, got {self.patch_radius_px}"
+            )
         low, high = self.latency_steps
-        if not 0 <= low <= high:
-            raise ValueError(f"depth.noise.latency_steps must be 0 <= low <= high, got [{low}, {high}]")
+        if not 0 <= low <= high <= MOST_LATENCY_STEPS:
+            raise ValueError(
+                f"depth.noise.latency_steps must be 0 <= low <= high <= {MOST_LATENCY_STEPS}, "
+                f"got [{low}, {high}]"
+            )
         if not 0.0 <= self.mount_rotation_deg <= 45.0:
             raise ValueError(
                 f"depth.noise.mount_rotation_deg must be in [0, 45], got {self.mount_rotation_deg}"

@@ -10,13 +10,14 @@ import hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
-from spin_rl.config import ConfigError, from_mapping
+from spin_rl.config import ConfigError, check_value, from_mapping, short
 from spin_rl.paths import CONF_DIR
+from spin_rl.scenes import kinds
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.sim import SimConfig
+from spin_rl.sensors.depth.size import image_shape
+from spin_rl.sim.config import SimConfig
 from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.config import TaskConfig
-from spin_rl.tasks.common.depth import image_shape
 
 Config = TypeVar("Config", bound=TaskConfig)
 
@@ -69,9 +70,9 @@ def task_config(
     """
     values = plain(cfg)
     task = dict(values["task"])
-    given = task.pop("name")
+    given = task.pop("name", None)
     if given != name:
-        raise ConfigError(f"task: {given!r} is not a task of this command; use {name}")
+        raise ConfigError(f"task: {short(given)} is not a task of this command; use {name}")
     groups = {
         "robot_profile": _robot_profile(values["robot"]),
         "scene": from_mapping(scene, values["scene"], "scene"),
@@ -79,11 +80,13 @@ def task_config(
         "reward": _reward(values.get("reward") or {}, terms),
         "depth": from_mapping(DepthConfig, values.get("depth") or {}, "depth"),
     }
-    if not _depth_is_enabled(task.pop("depth", {})):
+    if not depth_is_enabled(task.pop("depth", {})):
         groups["depth"] = None
     for name in groups:
         if name in task:
             raise ConfigError(f"task.{name}: unknown key; it is a group of its own")
+    for name in kinds.CHOICES.keys() & task.keys():
+        task[name] = kinds.number_of(name, task[name], f"task.{name}")
     return from_mapping(kind, task | groups, "task")
 
 
@@ -109,8 +112,13 @@ def with_depth(values: Mapping[str, Any]) -> dict[str, Any]:
     return dict(values) | {"runner": runner, "task": task}
 
 
-def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
-    unknown = sorted(set(values) - {"enabled"})
+def depth_is_enabled(values: Mapping[str, Any]) -> bool:
+    """Read the section `task.depth`.
+
+    Raises:
+        ConfigError: It has another key, or a value that is neither true nor false.
+    """
+    unknown = sorted(map(str, set(check_value(dict[str, Any], values, "task.depth")) - {"enabled"}))
     if unknown:
         raise ConfigError(f"task.depth.{unknown[0]}: unknown key; noise and filter are a group of their own")
     enabled = values.get("enabled", False)
@@ -120,7 +128,7 @@ def _depth_is_enabled(values: Mapping[str, Any]) -> bool:
 
 
 def _robot_profile(values: Mapping[str, Any]) -> str:
-    unknown = sorted(set(values) - {"profile"})
+    unknown = sorted(map(str, set(values) - {"profile"}))
     if unknown:
         raise ConfigError(f"robot.{unknown[0]}: unknown key; choose from profile")
     profile = values.get("profile")
@@ -131,6 +139,14 @@ def _robot_profile(values: Mapping[str, Any]) -> str:
 
 def _reward(values: Mapping[str, Any], terms: Collection[str]) -> dict[str, float]:
     try:
-        return rewards.check_scales(dict(values), terms)
+        return rewards.check_scales(_flat(values), terms)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Join the keys of nested mappings: `package: {module: {term: 0.1}}` is one term by its full name."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= _flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return flat

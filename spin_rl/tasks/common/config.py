@@ -10,11 +10,15 @@ from typing import Annotated, get_args
 from spin_rl import robot
 from spin_rl.config import Choice
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 
 CameraMount = Annotated[robot.CameraMount, Choice(get_args(robot.CameraMount))]
 
 _UNITS = ("_m", "_s", "_n")
+LARGEST_WITH_UNIT = 10_000.0
+"""Of lengths [m], times [s] and forces [N]: more cannot be meant."""
+_MOST_NOISE = 100.0
+_MOST_LAG = 100.0
 
 
 def require_positive(config: object, path: str, names: Iterable[str] | None = None) -> None:
@@ -33,6 +37,8 @@ def require_positive(config: object, path: str, names: Iterable[str] | None = No
         value = getattr(config, name)
         if not 0.0 < value < math.inf:
             raise ValueError(f"{path}.{name} must be positive, got {value}")
+        if value > LARGEST_WITH_UNIT:
+            raise ValueError(f"{path}.{name} must be at most {LARGEST_WITH_UNIT:g}, got {value}")
 
 
 @dataclass(frozen=True)
@@ -79,8 +85,33 @@ class DynamicsConfig:
         """Reject ranges that the servos cannot have."""
         for name in ("base_lag_s", "joint_lag_s", "speed_scale", "acceleration_scale"):
             low, high = getattr(self, name)
-            if not 0.0 < low <= high < math.inf:
-                raise ValueError(f"task.dynamics.{name} must be 0 < low <= high, got [{low}, {high}]")
+            if not 0.0 < low <= high <= _MOST_LAG:
+                raise ValueError(
+                    f"task.dynamics.{name} must be 0 < low <= high <= {_MOST_LAG:g}, got [{low}, {high}]"
+                )
+
+
+@dataclass(frozen=True)
+class ProprioNoise:
+    """Sensor noise of the proprio group in training, standard deviations of zero-mean normal noise.
+
+    Attributes:
+        joint_position: In units of the normalized position.
+        joint_velocity: In units of the normalized velocity.
+        base_velocity: [m/s, rad/s].
+    """
+
+    joint_position: float = 0.0
+    joint_velocity: float = 0.0
+    base_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Reject negative noise."""
+        for name, value in vars(self).items():
+            if not 0.0 <= value <= _MOST_NOISE:
+                raise ValueError(
+                    f"task.noise.{name} must not be negative nor above {_MOST_NOISE:g}, got {value}"
+                )
 
 
 @dataclass(frozen=True)

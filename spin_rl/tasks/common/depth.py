@@ -6,10 +6,10 @@ import torch
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.sensors.depth.camera import PIXELS, DepthCamera
+from spin_rl.sensors.depth.camera import DepthCamera
 from spin_rl.sensors.depth.pipeline import DepthConfig, DepthPipeline
 from spin_rl.sensors.interface import Sensor
-from spin_rl.sim import Simulation
+from spin_rl.sim.simulation import Simulation
 
 _NEAREST_M = 0.05
 """Points nearer than this, or behind, are located as if they were here."""
@@ -103,9 +103,3 @@ class DepthImages(Sensor):
     def counter(self) -> torch.Tensor:
         """Episodes that every world has begun, a view, shape (num_envs,), int32."""
         return wp.to_torch(self.pipeline.noise.episode)
-
-
-def image_shape(camera_mount: robot.CameraMount) -> tuple[int, int]:
-    """Rows and columns of the images of an upright camera, as `DepthCamera` has them."""
-    tan_x, tan_y = robot.camera_tan_half_fov(camera_mount)
-    return PIXELS if tan_x >= tan_y else (PIXELS[1], PIXELS[0])

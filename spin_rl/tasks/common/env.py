@@ -21,9 +21,9 @@ from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.scenes.tabletops.params import TabletopParams
 from spin_rl.sensors.interface import Sensor
-from spin_rl.sim import Simulation
 from spin_rl.sim.graph import StepGraph, torch_order
-from spin_rl.sim.manipulation import ManipulationConfig
+from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.targets import ManipulationConfig
 from spin_rl.tasks.common import episode, rewards
 from spin_rl.tasks.common.config import CurriculumConfig, TaskConfig
 from spin_rl.tasks.common.depth import DepthImages
@@ -85,6 +85,8 @@ class TaskEnv(VecEnv):
     observations: Observations
     statistics: EpisodeStatistics
     last_transition: Transition | None = None
+    _keeps_ends = False
+    _reset_graph: StepGraph | None = None
 
     def __init__(
         self,
@@ -115,7 +117,8 @@ class TaskEnv(VecEnv):
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}")
         self._reward_scales = rewards.check_scales(cfg.reward, terms)
-        self._terms = terms
+        own = self._reward_scales.keys() - terms.keys()
+        self._terms = {**terms, **{name: rewards.outside_term(name) for name in own}}
         self.cfg = cfg
         profile = robot.SPEED_PROFILES[cfg.robot_profile]
         self.sim = Simulation(
@@ -162,6 +165,7 @@ class TaskEnv(VecEnv):
         self._end.outcome = wp.zeros(n, dtype=wp.int32)
         self._end.done = wp.zeros(n, dtype=bool)
         self._all = wp.full(n, True, dtype=bool)
+        self._chosen = wp.zeros(n, dtype=bool)  # worlds to reset beside the step
 
     def _begin(
         self,
@@ -180,6 +184,7 @@ class TaskEnv(VecEnv):
             self.health.clear()
         self.reseed(seed)
         self.reset()
+        self._capture = capture
         self._graph = StepGraph(self._launch_step, self.device, capture=capture)
 
     def _launch_step(self) -> None:
@@ -189,7 +194,16 @@ class TaskEnv(VecEnv):
             sensor.update()
         self._end_episodes()
         self.health.launch()
-        self._launch_reset(self._end.done)
+        if self._keeps_ends:
+            wp.launch(
+                episode.choose_non_finite,
+                dim=self.num_envs,
+                inputs=[self._end.outcome],
+                outputs=[self._chosen],
+            )
+            self._launch_reset(self._chosen)
+        else:
+            self._launch_reset(self._end.done)
 
     def _launch_reset(self, mask: wp.array) -> None:
         """Start new episodes in the masked worlds, shape (nworld,), bool, and update the sensors of all."""
@@ -268,9 +282,41 @@ class TaskEnv(VecEnv):
         self.statistics.restart()
         return self.get_observations()
 
+    def keep_ends(self) -> None:
+        """From now on leave worlds whose episode ends as they are: `reset_worlds` starts them anew.
+
+        Observations are then those of the last state. Only worlds that turned non-finite start anew at once.
+        Captures the step again.
+        """
+        self._keeps_ends = True
+        self._graph = StepGraph(self._launch_step, self.device, capture=self._capture)
+
+    def reset_worlds(self, mask: torch.Tensor) -> TensorDict:
+        """Start new episodes in some worlds; the others go on where they are.
+
+        Args:
+            mask: Which, shape (num_envs,), bool.
+
+        Returns:
+            New observations of these worlds, beside the present ones of the others.
+        """
+        if self._reset_graph is None:
+            self._reset_graph = StepGraph(
+                lambda: self._launch_reset(self._chosen), self.device, capture=self._capture
+            )
+        wp.to_torch(self._chosen).copy_(mask)
+        self._reset_graph.replay()
+        self.statistics.restart(mask)
+        present, chosen = self._observed, mask[:, None]
+        new = self.get_observations()
+        for name in new.keys():
+            new[name] = torch.where(chosen, new.get(name), present.get(name))
+        return self._observed
+
     def get_observations(self) -> TensorDict:
         """Return the current observation groups, each of shape (num_envs, dim), float32."""
-        return self.observations.compute()
+        self._observed = self.observations.compute()
+        return self._observed
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict]:
         """Apply actions for one control period.

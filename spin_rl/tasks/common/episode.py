@@ -11,6 +11,9 @@ COLLISION = wp.constant(2)
 TIMEOUT = wp.constant(3)
 NON_FINITE = wp.constant(4)
 
+LARGEST_STATE = wp.constant(1.0e4)
+"""Of positions [m, rad] and velocities [m/s, rad/s]: a world beyond it has burst and counts as non-finite."""
+
 OUTCOMES = ("running", "success", "collision", "timeout", "non_finite")
 
 wp.set_module_options({"enable_backward": False})
@@ -31,7 +34,7 @@ def _keep(w: int, row: wp.array2d[float], kept: wp.array2d[float]) -> bool:
     finite = bool(True)
     for i in range(row.shape[1]):
         kept[w, i] = row[w, i]
-        if not wp.isfinite(row[w, i]):
+        if not (wp.abs(row[w, i]) <= LARGEST_STATE):  # a NaN is not
             finite = False
     return finite
 
@@ -40,7 +43,7 @@ def _keep(w: int, row: wp.array2d[float], kept: wp.array2d[float]) -> bool:
 def keep_state(
     w: int, qpos: wp.array2d[float], qvel: wp.array2d[float], action: wp.array2d[float], end: StepEnd
 ) -> bool:
-    """Keep a world's positions and velocities; whether they and the action are finite, else zeros are kept.
+    """Keep a world's positions and velocities; whether they and the action are sound, else zeros are kept.
 
     Zeros keep the rewards of the step finite; the world itself is to be reset.
     """
@@ -71,6 +74,18 @@ def move_level(w: int, outcome: int, up: float, down: float, level: wp.array[flo
         level[w] = wp.min(level[w] + up, 1.0)
     elif outcome != RUNNING:
         level[w] = wp.max(level[w] - down, 0.0)
+
+
+@wp.kernel
+def choose_non_finite(
+    # In
+    outcome: wp.array(dtype=wp.int32),
+    # Out
+    chosen_out: wp.array(dtype=bool),
+) -> None:
+    """Choose the worlds that turned non-finite: nothing in them may be read."""
+    w = wp.tid()
+    chosen_out[w] = outcome[w] == NON_FINITE
 
 
 @wp.kernel

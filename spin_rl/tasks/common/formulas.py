@@ -13,10 +13,9 @@ from functools import lru_cache
 import torch
 
 from spin_rl import robot
+from spin_rl.deploy.observations import CLOSE_PER_M, NEAR_PER_M
 
 GOAL_SCALE_M = 2.5
-NEAR_PER_M, CLOSE_PER_M = 5.0, 20.0
-"""Units in which an object's offset from the hand is told, clipped to 1: 0.2 m and 0.05 m."""
 
 
 @lru_cache(maxsize=8)

@@ -2,12 +2,14 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """What went wrong in physics: non-finite worlds with their recent states, and overflows by cause."""
 
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import warp as wp
 
+from spin_rl.files import reason
 from spin_rl.sim.simulation import OVERFLOWS, Simulation
 from spin_rl.tasks.common.episode import NON_FINITE, RUNNING
 
@@ -155,6 +157,8 @@ class HealthMonitor:
     def dump(self, folder: Path) -> list[Path]:
         """Write one .npz per non-finite world since the last call (at most MAX_DUMPS) and clear the record.
 
+        Where they cannot be written, that is said, and they are lost.
+
         Each file has `qpos`, `qvel` and `action` of the last control steps, oldest first, shape (8, ...).
         """
         count = min(int(self._dump_count.numpy()[0]), MAX_DUMPS)
@@ -162,10 +166,17 @@ class HealthMonitor:
             return []
         records = self._dump.numpy()
         self._dump_count.zero_()
+        try:
+            return self._write(folder, records[:count])
+        except OSError as error:  # a look at them is worth less than the training
+            print(f"\nwarning: states of non-finite worlds: {reason(error)}", file=sys.stderr, flush=True)
+            return []
+
+    def _write(self, folder: Path, records: np.ndarray) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         nq, nv = self._sim.data.qpos.shape[1], self._sim.data.qvel.shape[1]
         files = []
-        for i in range(count):
+        for i in range(len(records)):
             path = folder / f"non_finite_{time.time_ns()}_{i}.npz"
             qpos, qvel, action = np.split(records[i], [nq, nq + nv], axis=1)
             np.savez_compressed(path, qpos=qpos, qvel=qvel, action=action)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import torch
 
 from spin_rl import robot
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
+from spin_rl.tasks.common.config import ProprioNoise
 
 # Blocks of the proprio group and their widths.
 PROPRIO: dict[str, int] = {
@@ -22,35 +20,25 @@ PROPRIO: dict[str, int] = {
 CAMERA_ACTIONS = tuple(robot.ACTIONS.index(joint) for joint in robot.CAMERA_JOINTS)
 
 
+def proprio_columns() -> dict[str, int]:
+    """Return the column of every number of the proprio group, such as `joint_position/head_pan`."""
+    parts = {
+        "joint_position": robot.JOINTS,
+        "joint_velocity": robot.JOINTS,
+        "base_velocity": ("forward", "turn"),
+        "end_effector": ("x", "y", "z"),
+        "last_action": robot.ACTIONS,
+    }
+    names = [f"{block}/{part}" for block in PROPRIO for part in parts[block]]
+    return {name: column for column, name in enumerate(names)}
+
+
 def camera_columns() -> dict[str, tuple[int, ...]]:
     """Return the columns of each group that tell where the camera is, how it moves and what moved it last."""
-    columns, offset = [], 0
-    for block, width in PROPRIO.items():
-        names = {"joint_position": robot.JOINTS, "joint_velocity": robot.JOINTS, "last_action": robot.ACTIONS}
-        columns += [offset + names[block].index(joint) for joint in robot.CAMERA_JOINTS if block in names]
-        offset += width
-    return {"proprio": tuple(columns)}
-
-
-@dataclass(frozen=True)
-class ProprioNoise:
-    """Sensor noise of the proprio group in training, standard deviations of zero-mean normal noise.
-
-    Attributes:
-        joint_position: In units of the normalized position.
-        joint_velocity: In units of the normalized velocity.
-        base_velocity: [m/s, rad/s].
-    """
-
-    joint_position: float = 0.0
-    joint_velocity: float = 0.0
-    base_velocity: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Reject negative noise."""
-        for name, value in vars(self).items():
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"task.noise.{name} must not be negative, got {value}")
+    blocks, columns = ("joint_position", "joint_velocity", "last_action"), proprio_columns()
+    return {
+        "proprio": tuple(columns[f"{block}/{joint}"] for block in blocks for joint in robot.CAMERA_JOINTS)
+    }
 
 
 class Proprioception:

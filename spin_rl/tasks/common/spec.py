@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic
+from typing import TYPE_CHECKING, Any, Generic
 
 from omegaconf import DictConfig
 
+from spin_rl.config import check_value
 from spin_rl.policy import Policy
-from spin_rl.tasks.common.compose import Config, compose, task_config
-from spin_rl.tasks.common.env import TaskEnv
+from spin_rl.tasks.common.compose import Config, compose, depth_is_enabled, task_config
 from spin_rl.tasks.common.rewards import Term
+
+if TYPE_CHECKING:
+    from spin_rl.tasks.common.env import TaskEnv
 
 
 def alone(policy: Policy) -> Policy:
@@ -58,6 +61,17 @@ class TaskSpec(Generic[Config]):
         """
         scene = self.scene if isinstance(self.scene, type) else self.scene(cfg["scene"])
         return task_config(cfg, self.name, self.config, scene, self.reward_terms)
+
+    def check(self, cfg: Mapping[str, Any]) -> None:
+        """Reject what no policy makes right, before one is read: that takes Torch.
+
+        Raises:
+            ConfigError: As `configure`.
+        """
+        depth = check_value(dict[str, Any] | None, cfg["task"].get("depth"), "task.depth")
+        depth_is_enabled(depth or {})
+        images = {"depth": {**(depth or {}), "enabled": True}}
+        self.configure({**cfg, "task": {**cfg["task"], **images}})
 
     def as_trained(self, overrides: Sequence[str] = ()) -> Config:
         """Return the configuration that `spin-train` has.

@@ -75,10 +75,13 @@ class EpisodeStatistics:
         self._return *= 1.0 - done
         self._length *= 1.0 - done
 
-    def restart(self) -> None:
-        """Forget the episodes that run: all worlds were reset from outside."""
-        self._return.zero_()
-        self._length.zero_()
+    def restart(self, mask: torch.Tensor | None = None) -> None:
+        """Forget the running episodes of all worlds or of a mask (num_envs,): they were reset outside."""
+        for running in (self._return, self._length):
+            if mask is None:
+                running.zero_()
+            else:
+                running.masked_fill_(mask, 0.0)
 
     def read(self) -> dict[str, float]:
         """Return rates and means since the last call and start over.

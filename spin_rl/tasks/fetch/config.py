@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from spin_rl.deploy.fetch.numbers import STAGES
 from spin_rl.scenes.corridor_tables.params import FetchSceneParams
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 from spin_rl.tasks.common.config import CorridorConfig, CurriculumConfig, require_positive
-from spin_rl.tasks.fetch.state import STAGES
-from spin_rl.tasks.nav.observations import NavNoise
+from spin_rl.tasks.nav.config import NavNoise
 from spin_rl.tasks.pick.config import GRASP_SIM, GraspConfig
 
 CARRY_SIM = replace(GRASP_SIM, impratio=400.0)

@@ -10,8 +10,8 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridor_tables.generator import generate_fetch_scenes
-from spin_rl.sim import Simulation
 from spin_rl.sim.drive import DriveLimits
+from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.objects.choice import ObjectChoice
@@ -26,8 +26,9 @@ from spin_rl.tasks.fetch.observations import FetchObservations
 from spin_rl.tasks.fetch.results import FetchEpisodes, FetchStatistics, FetchStep, read_record
 from spin_rl.tasks.fetch.scripts import kernel as fetch_script
 from spin_rl.tasks.nav.observations import NavObservations
+from spin_rl.tasks.pick.config import PickNoise
 from spin_rl.tasks.pick.episode import read_forces
-from spin_rl.tasks.pick.observations import PickNoise, PickObservations
+from spin_rl.tasks.pick.observations import PickObservations
 from spin_rl.warp_kernels.slots import slots_of
 from spin_rl.warp_kernels.structs import struct_of
 
@@ -218,6 +219,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             collision=self.outcome == episode.COLLISION,
             action=action,
             last_action=self._last_action,
+            observations=self._observed,
             reached=self._reached,
             picked=self._picked,
         )

@@ -5,15 +5,14 @@
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.deploy.fetch.numbers import HOLDS_N
 from spin_rl.scenes.footprint import Disc, disc_touches
-from spin_rl.sim import Simulation
+from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.pick.episode import Forces
 from spin_rl.warp_kernels.slots import Slots, slots_of
 
 _LEFT = wp.constant(robot.DOF_NAMES.index("finger_left"))
 _RIGHT = wp.constant(robot.DOF_NAMES.index("finger_right"))
-_HOLDS_N = wp.constant(2.0)
-"""Fingertips that press with more than this hold something, or stand on it."""
 _NEAR_M = wp.constant(1.0)
 """Radius around the base's origin in which walls and obstacles are known; its corners are at 0.34 m."""
 
@@ -53,9 +52,9 @@ def _know(
     known.base[w] = wp.vec3(qpos[w, 0], qpos[w, 1], qpos[w, 2])
     known.turning[w] = qvel[w, 2]
     known.finger[w] = 0.5 * (qpos[w, _LEFT] + qpos[w, _RIGHT])
-    pressed = forces.finger[w, 0] + forces.finger[w, 1] > _HOLDS_N
+    pressed = forces.finger[w, 0] + forces.finger[w, 1] > HOLDS_N
     known.holds[w] = pressed and not forces.support[w]
-    known.supported[w] = forces.support[w] or forces.table[w] > _HOLDS_N
+    known.supported[w] = forces.support[w] or forces.table[w] > HOLDS_N
     known.table_yaw[w] = slots.yaw[w, table_slot]
     around = Disc()
     around.radius = _NEAR_M

@@ -15,7 +15,7 @@ import torch
 from tensordict import TensorDict
 
 from spin_rl.tasks.common.depth import DepthImages
-from spin_rl.tasks.fetch.state import STAGES
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.pick.observations import PickObservations
 

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict
 
 from spin_rl.policy import Policy
-from spin_rl.tasks.fetch.state import STAGES
+from spin_rl.tasks.fetch.config import STAGES
 
 
 class FetchPolicy:

@@ -12,8 +12,10 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.rewards import Transition
 from spin_rl.tasks.common.statistics import Env, EpisodeStatistics, ratio
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, STAGES, FetchRecord
+from spin_rl.tasks.fetch.config import STAGES
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, FetchRecord
 
 
 @dataclass
@@ -84,19 +86,14 @@ def read_record(record: FetchRecord) -> FetchEpisodes:
 
 
 @dataclass
-class FetchStep:
-    """What a control step of a fetch did; see `rewards.Transition` for the first five.
+class FetchStep(Transition):
+    """What a control step of a fetch did.
 
     Attributes:
         reached: Whether the fetch has come to the table so far, shape (num_envs,), bool.
         picked: Whether it has picked the object so far, shape (num_envs,), bool.
     """
 
-    qvel: torch.Tensor
-    success: torch.Tensor
-    collision: torch.Tensor
-    action: torch.Tensor
-    last_action: torch.Tensor
     reached: torch.Tensor
     picked: torch.Tensor
 

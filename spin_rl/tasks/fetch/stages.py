@@ -9,6 +9,7 @@ Scripts tell by `ready` that their stage is done (`scripts/phases.py`); limits a
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.deploy.fetch.numbers import LOOSE_N, LOOSE_STEPS, RELEASE_PHASE, REST_SPEED
 from spin_rl.sim.object_start import hold_still
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL, Increments
 from spin_rl.tasks.common.episode import (
@@ -27,7 +28,6 @@ from spin_rl.tasks.fetch.state import (
     PICK,
     PLACE,
     REACH,
-    RELEASE_PHASE,
     RETRACT,
     Bodies,
     FetchRecord,
@@ -39,11 +39,6 @@ from spin_rl.tasks.pick.episode import DROPPED, Forces, is_lifted
 _OBJECT = wp.constant(len(robot.DOF_NAMES))
 _PITCH = wp.constant(robot.DOF_NAMES.index("wrist_pitch"))
 _ROLL = wp.constant(robot.DOF_NAMES.index("wrist_roll"))
-_LOOSE_N = wp.constant(1.0)
-"""Fingertips that press the object with less than this together do not hold it."""
-_LOOSE_STEPS = wp.constant(3)
-_REST_SPEED = wp.constant(0.05)
-"""An object slower than this is at rest [m/s]."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -119,9 +114,9 @@ def _after_pick(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: Fet
 @wp.func
 def _is_dropped(w: int, forces: Forces, state: FetchState) -> bool:
     """Whether the fingers have lost the object for good; counts the steps without a grip."""
-    loose = forces.finger[w, 0] + forces.finger[w, 1] < _LOOSE_N
+    loose = forces.finger[w, 0] + forces.finger[w, 1] < LOOSE_N
     state.loose[w] = wp.where(loose, state.loose[w] + 1, 0)
-    return state.loose[w] >= _LOOSE_STEPS
+    return state.loose[w] >= LOOSE_STEPS
 
 
 @wp.func
@@ -131,7 +126,7 @@ def _is_placed(w: int, b: Bodies, forces: Forces, rules: FetchRules, state: Fetc
     speed = wp.vec3(b.qvel[w, _OBJECT], b.qvel[w, _OBJECT + 1], b.qvel[w, _OBJECT + 2])
     low = at[2] < 1.1 * wp.length(b.half_extents[w])
     near = wp.length(wp.vec2(at[0], at[1]) - state.home[w]) < rules.place_m
-    return state.ready[w] and low and near and forces.support[w] and wp.length(speed) < _REST_SPEED
+    return state.ready[w] and low and near and forces.support[w] and wp.length(speed) < REST_SPEED
 
 
 @wp.func

@@ -13,10 +13,10 @@ place    scripted: turn, unfold, lower, open, raise
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.pick.episode import PICK_OUTCOMES
 from spin_rl.warp_kernels.slots import Slots
 
-STAGES = ("reach", "align", "pick", "retract", "carry", "place")
 REACH = wp.constant(STAGES.index("reach"))
 ALIGN = wp.constant(STAGES.index("align"))
 PICK = wp.constant(STAGES.index("pick"))
@@ -24,9 +24,6 @@ RETRACT = wp.constant(STAGES.index("retract"))
 CARRY = wp.constant(STAGES.index("carry"))
 PLACE = wp.constant(STAGES.index("place"))
 FETCH_OUTCOMES = PICK_OUTCOMES
-
-RELEASE_PHASE = wp.constant(4)
-"""Phase of `place` from which the fingers open."""
 
 
 wp.set_module_options({"enable_backward": False})

@@ -5,10 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.corridors.params import GeneratorParams
-from spin_rl.tasks.common.config import CorridorConfig
+from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
-from spin_rl.tasks.nav.observations import NavNoise
 from spin_rl.tasks.nav.rewards import TERMS
+
+
+@dataclass(frozen=True)
+class NavNoise(ProprioNoise):
+    """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
+
+    Attributes:
+        goal_m: Of the goal's x and y [m].
+        scandots_m: Half width of the uniform noise on every scandot coordinate [m].
+    """
+
+    goal_m: float = 0.0
+    scandots_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -37,4 +49,5 @@ class NavConfig(CorridorConfig):
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""
         super().__post_init__()
+        require_positive(self, "task", ("slowness",))
         check_scales(self.reward, TERMS)

@@ -230,6 +230,7 @@ class NavEnv(CorridorEnv):
             self_contact=self.sim.views.self_contact,
             action=action,
             last_action=self._last_action,
+            observations=self._observed,
             haste=self._haste,
         )
 

@@ -13,8 +13,6 @@ A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 import warp as wp
 from tensordict import TensorDict
@@ -23,24 +21,9 @@ from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import DepthImages
-from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise
+from spin_rl.tasks.common.proprioception import Proprioception
+from spin_rl.tasks.nav.config import NavNoise
 from spin_rl.tasks.nav.ways import WayAhead
-
-NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all", "way")
-NAV_OPTIONAL_GROUPS = ("depth",)
-
-
-@dataclass(frozen=True)
-class NavNoise(ProprioNoise):
-    """Sensor noise in training, standard deviations of zero-mean normal (scandots: uniform) noise.
-
-    Attributes:
-        goal_m: Of the goal's x and y [m].
-        scandots_m: Half width of the uniform noise on every scandot coordinate [m].
-    """
-
-    goal_m: float = 0.0
-    scandots_m: float = 0.0
 
 
 class NavObservations(Proprioception):

@@ -6,11 +6,13 @@ The terms' sources and the readings of the paper's equation for r_nav are in doc
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import torch
+from typing import TYPE_CHECKING
 
 from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.rewards import Term, Transition
+
+if TYPE_CHECKING:
+    import torch
 
 
 @dataclass

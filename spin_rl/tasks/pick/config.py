@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.tabletops.params import TabletopParams
-from spin_rl.sim import SimConfig
-from spin_rl.sim.manipulation import ManipulationConfig
+from spin_rl.sim.config import SimConfig
+from spin_rl.sim.targets import ManipulationConfig
 from spin_rl.tasks.common import rewards
-from spin_rl.tasks.common.config import CurriculumConfig, DynamicsConfig, TaskConfig
-from spin_rl.tasks.common.objects.choice import ANY_OBJECT, check_object
-from spin_rl.tasks.common.objects.sight import SightConfig, check_detector
+from spin_rl.tasks.common.config import CurriculumConfig, DynamicsConfig, ProprioNoise, TaskConfig
+from spin_rl.tasks.common.objects.config import ANY_OBJECT, SightConfig, check_detector, check_object
 from spin_rl.tasks.pick import rewards as pick_rewards
-from spin_rl.tasks.pick.observations import PickNoise
 
 GRASP_SIM = SimConfig(
     timestep=0.0125,
@@ -23,6 +21,20 @@ GRASP_SIM = SimConfig(
     constraints_per_world=160,
 )
 """Physics in which fingers hold an object, as in conf/sim/grasp.yaml."""
+
+
+@dataclass(frozen=True)
+class PickNoise(ProprioNoise):
+    """Sensor noise in training, standard deviations of zero-mean normal noise.
+
+    Attributes:
+        object_m: Of every coordinate of o_i and of o_t, drawn in every step [m].
+        object_start_m: Of every coordinate of o_i, drawn once an episode: what a detector errs at the start
+            stays [m].
+    """
+
+    object_m: float = 0.0
+    object_start_m: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,7 @@ class PickEnv(ObjectChoice, TaskEnv):
             collision=step.collision,
             action=action,
             last_action=self._last_action,
+            observations=self._observed,
             distance=step.distance,
             height=step.height,
             finger=step.finger,

@@ -19,8 +19,6 @@ The gripper's axes are those of the grasp centre: x out of the gripper, y from f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 import warp as wp
 from tensordict import TensorDict
@@ -30,10 +28,9 @@ from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
 from spin_rl.tasks.common.depth import DepthImages
-from spin_rl.tasks.common.proprioception import Proprioception, ProprioNoise, joints
+from spin_rl.tasks.common.proprioception import Proprioception, joints
+from spin_rl.tasks.pick.config import PickNoise
 
-PICK_GROUPS = ("proprio", "hand", "object_start", "object", "object_at_start", "privileged")
-PICK_OPTIONAL_GROUPS = ("depth", "hand_in_image")
 FORCE_N = 15.0
 """Unit of the forces that the critic reads [N]."""
 # Blocks of the privileged group and their widths.
@@ -50,20 +47,6 @@ PRIVILEGED: dict[str, int] = {
     "grip": len(robot.JOINTS),  # targets of the joints minus where they are [m, rad]
     "time": 2,  # part of the episode that is left, part of the time for which the object must be held
 }
-
-
-@dataclass(frozen=True)
-class PickNoise(ProprioNoise):
-    """Sensor noise in training, standard deviations of zero-mean normal noise.
-
-    Attributes:
-        object_m: Of every coordinate of o_i and of o_t, drawn in every step [m].
-        object_start_m: Of every coordinate of o_i, drawn once an episode: what a detector errs at the start
-            stays [m].
-    """
-
-    object_m: float = 0.0
-    object_start_m: float = 0.0
 
 
 class PickObservations(Proprioception):

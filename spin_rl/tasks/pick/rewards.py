@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import torch
+from typing import TYPE_CHECKING
 
 from spin_rl.tasks.common import rewards
 from spin_rl.tasks.common.rewards import Term, Transition
+
+if TYPE_CHECKING:
+    import torch
 
 REACH_PER_M = 5.0
 FINE_PER_M = 20.0

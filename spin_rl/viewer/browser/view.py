@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from spin_rl.config import ConfigError
 from spin_rl.extras import require
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 from spin_rl.viewer import style
+from spin_rl.viewer.browser.guard import own_pages_only
 from spin_rl.viewer.browser.scene import WorldView
 from spin_rl.viewer.labels import progress_label, target_label
 from spin_rl.viewer.picture import camera_label, camera_picture
@@ -47,15 +49,17 @@ class Browser:
             port: Port to listen on.
 
         Raises:
-            ConfigError: viser is missing, or the port is taken.
+            ConfigError: viser is missing, the address is none, or the port is taken.
         """
         viser = require("viser", "viser", "viewer", "viewer")
         _check_port(host, port)  # viser would take the next free port without a word
-        self.server = viser.ViserServer(host=host, port=port, label="spin-play", verbose=False)
+        with own_pages_only(host):
+            self.server = viser.ViserServer(host=host, port=port, label="spin-play", verbose=False)
         self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{port}"
         self._reset = threading.Event()
         self._stage: Stage | None = None
         self._views: list[WorldView] = []
+        self._choosers: dict[Any, tuple[tuple[str, ...], str]] = {}
         self._anchor = np.zeros(2)  # what is shown at the origin
         server = self.server
         server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -116,6 +120,8 @@ class Browser:
         self._world = gui.add_dropdown("world", worlds, initial_value="1", visible=len(worlds) > 1)
         self._depth = gui.add_image(np.zeros((8, 8, 3), np.uint8), label="depth camera; near is bright")
         self._statistics = gui.add_markdown("")
+        choosers = (self._speed, self._policy, self._scenario, self._difficulty, self._world)
+        self._choosers = {chooser: (tuple(chooser.options), chooser.value) for chooser in choosers}
         self._add_worlds(player)
         self.show(player.snapshots, player)
 
@@ -156,22 +162,31 @@ class Browser:
                     continue
                 else:
                     self.show(player.step(), player)
-                period = player.env.cfg.sim.control_period / float(self._speed.value.rstrip("x"))
+                period = player.env.cfg.sim.control_period / float(self._offered(self._speed).rstrip("x"))
                 time.sleep(max(0.0, begin + period - time.monotonic()))
 
+    def _offered(self, chooser: Any) -> str:
+        """Return what is chosen; what was never offered, but sent, gives way to the last choice."""
+        value, (options, last) = chooser.value, self._choosers[chooser]
+        if value not in options:
+            chooser.value = value = last
+        self._choosers[chooser] = options, value
+        return value
+
     def _choice(self) -> tuple[str, str, str]:
-        return self._policy.value, self._scenario.value, self._difficulty.value
+        return self._offered(self._policy), self._offered(self._scenario), self._offered(self._difficulty)
 
     def _cell(self) -> tuple[int, int]:
-        return int(self._scenario.value), DIFFICULTIES.index(self._difficulty.value)
+        return int(self._offered(self._scenario)), DIFFICULTIES.index(self._offered(self._difficulty))
 
     def _change(self, player: Player, open_player: OpenPlayer, before: tuple[str, str, str]) -> Player:
         """Start what was chosen; a policy that cannot be opened leaves the old one playing."""
-        if self._policy.value != before[0]:
-            self._status.content = f"Opening {self._policy.value}"
+        name = self._offered(self._policy)
+        if name != before[0]:
+            self._status.content = f"Opening {name}"
             try:
-                opened = open_player(self._policy.value)
-            except ValueError as error:
+                opened = open_player(name)
+            except (ValueError, OSError) as error:
                 self._policy.value = before[0]
                 self.server.gui.add_modal(f"Cannot open it: {error}")
             else:
@@ -196,7 +211,7 @@ class Browser:
             player: Whose they are.
         """
         assert self._stage is not None
-        world = int(self._world.value) - 1
+        world = int(self._offered(self._world)) - 1
         with self.server.atomic():
             # The chosen world comes last: the stage then has its pose for the depth image.
             order = [i for i in range(len(snapshots)) if i != world] + [world]
@@ -251,5 +266,8 @@ def _check_port(host: str, port: int) -> None:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
-        except OSError as error:
-            raise ConfigError(f"port: cannot listen on {host}:{port}: {error.strerror}") from None
+        except socket.gaierror as error:
+            raise ConfigError(f"host: {host} is no address: {error.strerror}") from None
+        except (OSError, UnicodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "no address"
+            raise ConfigError(f"port: cannot listen on {host}:{port}: {why}") from None

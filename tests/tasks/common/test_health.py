@@ -5,7 +5,7 @@ import pytest
 import torch
 from nav_worlds import actions, assert_same, run
 
-from spin_rl.sim import SimConfig
+from spin_rl.sim.config import SimConfig
 from spin_rl.sim.simulation import OVERFLOWS
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav import rewards
@@ -52,6 +52,27 @@ def test_non_finite_world_is_reset_alone(make_nav_env, tmp_path, state):
     assert all(np.isfinite(value).all() for step in after for value in step.values())
     stats = env.episode_stats()
     assert stats["non_finite_rate"] * stats["episodes"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("state", "value"), [("qpos", 1e30), ("qpos", -2e4), ("qvel", 1e30)])
+def test_a_world_that_bursts_without_infinities_is_reset_too(make_nav_env, state, value):
+    env = make_nav_env(ALL_TERMS, 4)
+    getattr(env.sim.views, state)[SICK, 10] = value
+    (step,) = run(env, actions(1, 4))
+    assert env.outcome[SICK] == episode.NON_FINITE
+    assert all(np.abs(numbers).max() < 1e4 for numbers in step.values())
+
+
+def test_a_disk_that_is_full_of_dumps_costs_no_training(make_nav_env, monkeypatch, tmp_path, capfd):
+    def refuse(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    env = make_nav_env(num_envs=2)
+    env.sim.views.qvel[:] = torch.nan
+    env.step(env.sim.views.action.clone())
+    monkeypatch.setattr(np, "savez_compressed", refuse)
+    assert env.dump_non_finite(tmp_path) == []
+    assert "No space left on device" in capfd.readouterr().err
 
 
 def test_more_non_finite_worlds_than_dumps(make_nav_env, tmp_path):

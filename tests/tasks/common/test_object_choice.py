@@ -4,7 +4,8 @@ import pytest
 import warp as wp
 
 from spin_rl.scenes.objects.shapes import OBJECTS
-from spin_rl.tasks.common.objects.choice import ObjectChoice, check_object
+from spin_rl.tasks.common.objects.choice import ObjectChoice
+from spin_rl.tasks.common.objects.config import check_object
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.tasks.common import rewards
@@ -12,6 +13,7 @@ YES_IN_SECOND = torch.tensor([False, True])
 def transition(**values) -> rewards.Transition:
     """Two worlds in which nothing happens, but for the given values."""
     quiet = {"qvel": torch.zeros(2, 13), "action": torch.zeros(2, 10), "last_action": torch.zeros(2, 10)}
+    quiet["observations"] = TensorDict(batch_size=[2])
     quiet |= {name: torch.zeros(2, dtype=torch.bool) for name in ("success", "collision")}
     return rewards.Transition(**quiet | values)
 
@@ -71,3 +73,44 @@ def test_bad_scales_are_named(scales, message):
 def test_zero_scales_are_left_out():
     scales = {"success": 10, "time": 0.0, "collision": -1.5}
     assert rewards.check_scales(scales, scales) == {"success": 10.0, "collision": -1.5}
+
+
+MODULE = """
+def seen(step):
+    return step.observations["scandots"].sum(-1)
+
+def wide(step):
+    return step.action
+
+number = 3
+"""
+
+
+@pytest.fixture
+def my_rewards(tmp_path, monkeypatch):
+    (tmp_path / "my_rewards_of_a_test.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return "my_rewards_of_a_test"
+
+
+def test_a_term_from_outside_sees_the_observations(my_rewards):
+    scales = {"success": 10.0, f"{my_rewards}.seen": 0.5}
+    assert rewards.check_scales(scales, ("success",)) == scales
+    observations = TensorDict({"scandots": torch.tensor([[0.0, 0.0], [1.0, 2.0]])}, batch_size=[2])
+    step = transition(observations=observations)
+    assert rewards.outside_term(f"{my_rewards}.seen")(step).tolist() == [0.0, 3.0]
+    with pytest.raises(ValueError, match=r"wide: expected a value per world, shape \(2,\), got \(2, 10\)"):
+        rewards.outside_term(f"{my_rewards}.wide")(step)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("number", "expected a function of a step, got 3"),
+        ("nothing", "cannot be imported: AttributeError"),
+        ("other.term", "cannot be imported: "),
+    ],
+)
+def test_bad_terms_from_outside_are_named(my_rewards, name, message):
+    with pytest.raises(ValueError, match=f"^reward.{my_rewards}.{name}: {message}"):
+        rewards.check_scales({f"{my_rewards}.{name}": 1.0}, ("success",))

@@ -22,11 +22,13 @@ from fetch_worlds import (
 )
 
 from spin_rl import robot
+from spin_rl.deploy.fetch.numbers import RELEASE_PHASE
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.sim.targets import ABSOLUTE, INCREMENTAL
 from spin_rl.tasks.common import episode
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.fetch.env import FetchEnv
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, RELEASE_PHASE, STAGES
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES
 
 DROPPED = FETCH_OUTCOMES.index("dropped")
 

@@ -3,8 +3,8 @@
 import torch
 from tensordict import TensorDict
 
+from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.fetch.policy import FetchPolicy
-from spin_rl.tasks.fetch.state import STAGES
 
 
 class Counting:

@@ -19,9 +19,10 @@ from fetch_steps import (
     end_step,
 )
 
+from spin_rl.deploy.fetch.numbers import RELEASE_PHASE
 from spin_rl.tasks.common.episode import COLLISION, RUNNING, SUCCESS
-from spin_rl.tasks.fetch.config import FetchConfig
-from spin_rl.tasks.fetch.state import FETCH_OUTCOMES, RELEASE_PHASE, STAGES
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig
+from spin_rl.tasks.fetch.state import FETCH_OUTCOMES
 
 CFG = FetchConfig()
 DROPPED = FETCH_OUTCOMES.index("dropped")

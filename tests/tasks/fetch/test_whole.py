@@ -7,10 +7,10 @@ import warp as wp
 
 from spin_rl import robot
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.fetch.config import FetchConfig, StageLimits
+from spin_rl.tasks.fetch.config import STAGES, FetchConfig, StageLimits
 from spin_rl.tasks.fetch.env import FetchEnv
 from spin_rl.tasks.fetch.policy import FetchPolicy
-from spin_rl.tasks.fetch.state import PICK, STAGES
+from spin_rl.tasks.fetch.state import PICK
 
 NUM_WORLDS = 4
 # Where the object is in the hand at which the fingers close: the gripper holds it with its tips.

@@ -8,8 +8,7 @@ import torch
 from nav_worlds import actions, assert_same, run
 
 from spin_rl.tasks.common.config import CurriculumConfig
-from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.nav.observations import NavNoise
+from spin_rl.tasks.nav.config import NavConfig, NavNoise
 
 
 def succeed(env, worlds):

@@ -10,11 +10,10 @@ from nav_worlds import actions, assert_same, run
 from spin_rl.config import ConfigError
 from spin_rl.sensors.depth.noise import DepthNoiseConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
+from spin_rl.sensors.depth.size import image_shape
 from spin_rl.tasks.common.compose import with_depth
-from spin_rl.tasks.common.depth import image_shape
 from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.nav.observations import NAV_GROUPS
-from spin_rl.tasks.nav.spec import NAV
+from spin_rl.tasks.nav.spec import NAV, NAV_GROUPS
 
 NUM_ENVS = 4
 NOISY = DepthConfig(noise=DepthNoiseConfig(noise_per_m=0.01, dropout=0.05, latency_steps=(0, 2)))

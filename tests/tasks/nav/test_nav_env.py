@@ -11,8 +11,7 @@ from spin_rl import robot
 from spin_rl.scenes.builder import PARKED_Z_M, native_model
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.nav.observations import NavNoise
+from spin_rl.tasks.nav.config import NavConfig, NavNoise
 
 NOISE = NavNoise(0.005, 0.02, 0.02, 0.02, 0.01)
 

@@ -10,8 +10,8 @@ from spin_rl import robot
 from spin_rl.scenes.layout import PoolSpec
 from spin_rl.tasks.common.formulas import GOAL_SCALE_M
 from spin_rl.tasks.common.proprioception import PROPRIO
-from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.nav.observations import NAV_GROUPS, NavNoise
+from spin_rl.tasks.nav.config import NavConfig, NavNoise
+from spin_rl.tasks.nav.spec import NAV_GROUPS
 
 DOF = {name: i for i, name in enumerate(robot.DOF_NAMES)}
 

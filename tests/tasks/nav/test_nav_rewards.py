@@ -3,10 +3,12 @@
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
+from tensordict import TensorDict
 
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common import rewards as common
+from spin_rl.tasks.common.compose import compose as compose_
 from spin_rl.tasks.nav import rewards
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.spec import NAV
@@ -24,6 +26,7 @@ def transition(**values) -> rewards.NavTransition:
         "self_contact": torch.zeros(2, dtype=torch.bool),
         "action": torch.zeros(2, 10),
         "last_action": torch.zeros(2, 10),
+        "observations": TensorDict(batch_size=[2]),
         "haste": torch.zeros(2),
     }
     return rewards.NavTransition(**quiet | values)
@@ -120,3 +123,19 @@ def test_task_without_a_reward_runs(make_nav_env):
     _, reward, _, _ = env.step(env.sim.views.action.clone())
     assert reward.tolist() == [0.0, 0.0]
     assert env.episode_stats()["episodes"] == 0
+
+
+def test_a_step_knows_what_the_policy_saw(make_nav_env):
+    env = make_nav_env()
+    before = env.reset()
+    for _ in range(3):
+        after = env.step(torch.zeros(env.num_envs, 10, device=env.device))[0]
+        for name, value in env.last_transition.observations.items():
+            torch.testing.assert_close(value, before[name], rtol=0, atol=0)
+        before = after
+
+
+def test_terms_from_outside_are_nested_in_a_configuration(monkeypatch):
+    values = compose_("train", ["+reward.torch.zeros=0.5"])
+    monkeypatch.setattr(common, "outside_term", lambda name: None)
+    assert NAV.configure(values).reward["torch.zeros"] == 0.5

@@ -12,8 +12,7 @@ from spin_rl import robot
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.config import CurriculumConfig
-from spin_rl.tasks.pick.config import PickConfig
-from spin_rl.tasks.pick.observations import PickNoise
+from spin_rl.tasks.pick.config import PickConfig, PickNoise
 
 NOISE = PickNoise(0.005, 0.02, 0.02, 0.01)
 OBJECT_ARRAYS = ("kind", "start_pose", "half_extents", "mass", "friction", "near")

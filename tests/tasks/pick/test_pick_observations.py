@@ -10,9 +10,10 @@ from nav_worlds import actions, run
 from spin_rl import robot
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.sensors.depth.pipeline import DepthConfig
-from spin_rl.tasks.common.objects.sight import SightConfig
-from spin_rl.tasks.pick.config import PickConfig
-from spin_rl.tasks.pick.observations import PICK_GROUPS, PRIVILEGED, PickNoise
+from spin_rl.tasks.common.objects.config import SightConfig
+from spin_rl.tasks.pick.config import PickConfig, PickNoise
+from spin_rl.tasks.pick.observations import PRIVILEGED
+from spin_rl.tasks.pick.spec import PICK_GROUPS
 
 SIZES = {
     "proprio": 31, "hand": 7, "object_start": 3, "object": 10, "object_at_start": 10,

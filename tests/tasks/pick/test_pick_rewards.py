@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
+from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.paths import CONF_DIR
@@ -20,6 +21,7 @@ def transition(**values) -> pick_rewards.PickTransition:
     quiet = {name: torch.zeros(2) for name in ("height", "finger", "table_force", "hard_peak")}
     quiet |= {name: NO for name in ("success", "collision", "inside", "grasped", "pressed", "dropped")}
     quiet |= {"qvel": torch.zeros(2, 19), "action": torch.zeros(2, 10), "last_action": torch.zeros(2, 10)}
+    quiet |= {"observations": TensorDict(batch_size=[2])}
     quiet |= {"distance": torch.full((2,), 0.4), "finger_force": torch.zeros(2, 2)}
     return pick_rewards.PickTransition(**quiet | values)
 
@@ -76,6 +78,7 @@ def random_transition(n=64):
         collision=draw(n) > 0.7,
         action=2 * draw(n, 10) - 1,
         last_action=2 * draw(n, 10) - 1,
+        observations=TensorDict(batch_size=[n]),
         distance=0.5 * draw(n),
         height=0.4 * draw(n) - 0.1,
         finger=0.65 * draw(n) - 0.05,

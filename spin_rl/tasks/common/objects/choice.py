@@ -8,27 +8,7 @@ import torch
 import warp as wp
 
 from spin_rl.scenes.objects.shapes import OBJECTS
-
-ANY_OBJECT = "any"
-
-
-def object_names(choice: str) -> tuple[str, ...]:
-    """Split `task.object`: "banana+any" gives the worlds a banana and any object in turn."""
-    return tuple(choice.split("+"))
-
-
-def check_object(choice: str) -> None:
-    """Reject a value of `task.object` that is none.
-
-    Raises:
-        ValueError: One of its names is neither one of `objects.OBJECTS` nor "any".
-    """
-    for name in object_names(choice):
-        if name != ANY_OBJECT and name not in OBJECTS:
-            raise ValueError(
-                f"task.object must be {ANY_OBJECT} or one of {', '.join(OBJECTS)}, or several joined by +, "
-                f"got {name!r}"
-            )
+from spin_rl.tasks.common.objects.config import ANY_OBJECT, object_names
 
 
 class ObjectChoice:

@@ -2,21 +2,19 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Where the robot sees the object (the paper's F(o_t)): by the simulator, or by a detector in images."""
 
-import math
-from dataclasses import dataclass
-
 import warp as wp
 
 from spin_rl import robot
 from spin_rl.detection.segmentation import CENTRE_OFFSET_M, SegmentationDetector
 from spin_rl.scenes.objects.shapes import OBJECT_GEOMS, OBJECTS
 from spin_rl.sensors.depth.camera import DepthCamera
+from spin_rl.sensors.depth.size import image_shape
 from spin_rl.sensors.interface import Sensor
 from spin_rl.sensors.object_sight import ObjectSight
-from spin_rl.sim import Simulation
-from spin_rl.tasks.common.depth import DepthImages, image_shape
+from spin_rl.sim.simulation import Simulation
+from spin_rl.tasks.common.depth import DepthImages
+from spin_rl.tasks.common.objects.config import SightConfig
 
-DETECTORS = ("none", "segmentation")
 _FINER = 4
 """Rows and columns of the detector's image for each of the policy's."""
 _MIN_PIXELS = 20
@@ -65,38 +63,6 @@ def _to_world(
         s = wp.sin(qpos[w, 2])
         p = point_b[w]
         at_out[w] = wp.vec3(qpos[w, 0] + c * p[0] - s * p[1], qpos[w, 1] + s * p[0] + c * p[1], p[2])
-
-
-@dataclass(frozen=True)
-class SightConfig:
-    """When the camera sees the object, without a detector.
-
-    Attributes:
-        near_m: Smallest depth [m].
-        far_m: Largest depth [m].
-        occlusion: Whether table, walls and boxes hide the object.
-    """
-
-    near_m: float = 0.1
-    far_m: float = 4.0
-    occlusion: bool = True
-
-    def __post_init__(self) -> None:
-        """Reject a range that is none."""
-        if not 0.0 < self.near_m < self.far_m < math.inf:
-            raise ValueError(
-                f"task.sight: near_m must be positive and below far_m, got {self.near_m}, {self.far_m}"
-            )
-
-
-def check_detector(detector: str) -> None:
-    """Reject what is none of `DETECTORS`.
-
-    Raises:
-        ValueError: It is not.
-    """
-    if detector not in DETECTORS:
-        raise ValueError(f"task.detector must be one of {', '.join(DETECTORS)}, got {detector!r}")
 
 
 class Sight(Sensor):

@@ -8,24 +8,25 @@ Phases are in `phases.py`; here their commands become actions, at limited rates.
 
 import warp as wp
 
+from spin_rl.deploy.fetch.numbers import (
+    AT_ONCE,
+    CARRY_LIFT_RATE,
+    GRIP_LEAD,
+    MOVED,
+    RATES,
+    SETTLE,
+    STILL,
+    STUCK_STEPS,
+)
 from spin_rl.scenes.footprint import vec8
 from spin_rl.sim.targets import action_for, joint_target
 from spin_rl.tasks.fetch.known import Known
 from spin_rl.tasks.fetch.scripts.bumper import without_bumps
 from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, Command
-from spin_rl.tasks.fetch.scripts.phases import SETTLE, align, is_pose, last_phase, place, retract
+from spin_rl.tasks.fetch.scripts.phases import align, is_pose, last_phase, place, retract
 from spin_rl.tasks.fetch.state import ALIGN, CARRY, PICK, PLACE, REACH, RETRACT, FetchState
 
-_STILL = wp.constant(0.01)
-"""Slower than this the base stands [m/s, rad/s]."""
-_STUCK_STEPS = wp.constant(5)
-_RATES = wp.constant(vec8(0.25, 0.25, 1.5, 1.0, 1.0, 1.5, 3.0, 2.0))
-"""How fast targets move [m/s, rad/s]."""
-_CARRY_LIFT_RATE = wp.constant(0.15)
-"""How fast the lift moves while the navigation policy drives with an object in the hand [m/s]."""
-_GRIP_LEAD = wp.constant(0.14)
-"""How far the fingers' target is within where they are [rad]. With both servos at their limit nothing would
-keep the object from wandering sideways between the fingers."""
+_RATES = wp.constant(vec8(*RATES))
 
 wp.set_module_options({"enable_backward": False})
 
@@ -62,7 +63,7 @@ def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action:
             action[w, joint + 2] = _action_of(joint, grip, drive)
         elif not drive.carry_moves[joint]:
             action[w, joint + 2] = _action_of(joint, target[w, joint], drive)
-    most = _CARRY_LIFT_RATE * drive.period
+    most = CARRY_LIFT_RATE * drive.period
     wanted = wp.max(_target_of(LIFT, action[w, LIFT + 2], drive), drive.carry_lift_m)
     now = target[w, LIFT]
     action[w, LIFT + 2] = _action_of(LIFT, now + wp.clamp(wanted - now, -most, most), drive)
@@ -70,7 +71,7 @@ def _carry(w: int, drive: Drive, grip: float, target: wp.array2d[float], action:
 
 @wp.func
 def _is_still(move: wp.vec2) -> bool:
-    return wp.abs(move[0]) < _STILL and wp.abs(move[1]) < _STILL
+    return wp.abs(move[0]) < STILL and wp.abs(move[1]) < STILL
 
 
 @wp.kernel
@@ -89,7 +90,7 @@ def script_actions(
     if stage == REACH:
         return
     target = known.target
-    grip = known.finger[w] - _GRIP_LEAD
+    grip = known.finger[w] - GRIP_LEAD
     if stage == PICK:
         # The policy does not see walls.
         speed = wp.cw_mul(drive.pick_speed, wp.vec2(action[w, 0], action[w, 1]))
@@ -114,7 +115,7 @@ def script_actions(
     move = without_bumps(w, known, c.forward, c.turn)
     is_stuck = _is_still(move) and not _is_still(wp.vec2(c.forward, c.turn))
     state.stuck[w] = wp.where(is_stuck, state.stuck[w] + 1, 0)
-    if state.stuck[w] >= _STUCK_STEPS:
+    if state.stuck[w] >= STUCK_STEPS:
         state.stuck[w] = 0
         state.detour[w] = not state.detour[w]
     action[w, 0] = move[0] / wp.where(move[0] >= 0.0, drive.base_speed[0], drive.base_speed[1])
@@ -125,8 +126,8 @@ def script_actions(
         goal = wp.clamp(c.joints[joint], drive.joint_low[joint], drive.joint_high[joint])
         most = c.rate * _RATES[joint] * drive.period
         if joint == FINGER and (stage != ALIGN or goal < now):
-            most = 10.0
-        if joint < FINGER and wp.abs(goal - now) > 1.0e-3:
+            most = AT_ONCE
+        if joint < FINGER and wp.abs(goal - now) > MOVED:
             moving = True
         action[w, joint + 2] = _action_of(joint, now + wp.clamp(goal - now, -most, most), drive)
 

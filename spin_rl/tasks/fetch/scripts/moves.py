@@ -5,6 +5,7 @@
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.deploy.fetch.numbers import HEAD_SWEEP, LOOK_TILT, NEAR_M
 from spin_rl.scenes.footprint import vec8
 from spin_rl.scenes.tabletops.start_pose import head_towards
 
@@ -16,11 +17,6 @@ _PAN_MIN = wp.constant(robot.JOINT_LOWER[6])
 _PAN_MAX = wp.constant(robot.JOINT_UPPER[6])
 _FOLDED_YAW = wp.constant(robot.STOWED["wrist_yaw"])
 _FOLDED_PITCH = wp.constant(robot.STOWED["wrist_pitch"])
-_HEAD_SWEEP = wp.constant(1.5)
-"""Speed of the head's pan while it looks for the object [rad/s]."""
-LOOK_TILT = wp.constant(-0.6)
-NEAR_M = wp.constant(0.03)
-"""The base is at a point that is nearer than this."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -67,7 +63,7 @@ def fold(c: Command) -> Command:
 def sweep(c: Command, steps: int, period: float) -> Command:
     """The command with the head turning to and fro over its whole range, from straight ahead to the right."""
     span = _PAN_MAX - _PAN_MIN
-    way = float(steps) * period * _HEAD_SWEEP + _PAN_MAX
+    way = float(steps) * period * HEAD_SWEEP + _PAN_MAX
     turn = wp.mod(way, 2.0 * span)
     c.joints[PAN] = wp.where(turn < span, _PAN_MAX - turn, _PAN_MAX - 2.0 * span + turn)
     c.joints[TILT] = LOOK_TILT
