@@ -18,9 +18,16 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from spin_rl.benchmark.metrics import DriveEpisodes, Episodes, paired_difference, summarize_drives
+from spin_rl.benchmark.metrics import (
+    DriveEpisodes,
+    Episodes,
+    PickEpisodes,
+    paired_difference,
+    summarize_drives,
+    summarize_picks,
+)
 from spin_rl.benchmark.rounds import Report
-from spin_rl.benchmark.umpires import DriveUmpire
+from spin_rl.benchmark.umpires import DriveUmpire, PickUmpire, Umpire
 from spin_rl.config import ConfigError
 from spin_rl.deploy.agent import Agent
 from spin_rl.deploy.backends.cameras import RAYS
@@ -29,13 +36,16 @@ from spin_rl.deploy.loop import ARRIVED, TIME_OVER, ControlLoop
 from spin_rl.deploy.network import Network
 from spin_rl.policy import Policy
 from spin_rl.scenes.layout import Scene
+from spin_rl.scenes.objects.shapes import SceneObject
 from spin_rl.tasks.common import episode
+from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
+from spin_rl.tasks.pick.config import PickConfig
 
 MUJOCO = "mujoco"
 BACKENDS = (MUJOCO,)
-TASKS = ("nav",)
+TASKS = ("nav", "pick")
 """Those whose episodes can be run again."""
 _RUNSTOP = "runstop"
 _SECONDS_BETWEEN_REPORTS = 5.0
@@ -48,12 +58,14 @@ class Start:
     Attributes:
         scene: The world, with start and goal.
         most_steps: Control steps until its time is over.
-        way: Length of the way to the goal [m].
+        way: Length of the way to the goal, if there is one [m].
+        thing: The object to pick, if there is one.
     """
 
     scene: Scene
     most_steps: int
-    way: float
+    way: float = 0.0
+    thing: SceneObject | None = None
 
 
 class Recorder:
@@ -68,7 +80,7 @@ class Recorder:
         self.starts: list[Start] = []
         self.ends: list[Episodes] = []
 
-    def __call__(self, env: NavEnv, policy: Policy, seed: int) -> Policy:
+    def __call__(self, env: TaskEnv, policy: Policy, seed: int) -> Policy:
         """Look on at the episodes of a seed."""
         return _Recorded(self, env, policy)
 
@@ -76,7 +88,7 @@ class Recorder:
 class _Recorded:
     """Passes a policy through; every world is one episode."""
 
-    def __init__(self, recorder: Recorder, env: NavEnv, policy: Policy) -> None:
+    def __init__(self, recorder: Recorder, env: TaskEnv, policy: Policy) -> None:
         self._recorder, self._env, self._policy = recorder, env, policy
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
@@ -97,14 +109,19 @@ class _Recorded:
         self._running &= ~ended
 
 
-def _starts(env: NavEnv) -> list[Start]:
-    steps, ways = env.most_steps.tolist(), env.way_left.tolist()
-    return [Start(*start) for start in zip(env.sim.layout.scenes(), steps, ways, strict=True)]
+def _starts(env: TaskEnv) -> list[Start]:
+    scenes = env.sim.layout.scenes()
+    if isinstance(env, NavEnv):
+        steps, ways = env.most_steps.tolist(), env.way_left.tolist()
+        return [Start(*start) for start in zip(scenes, steps, ways, strict=True)]
+    objects = [env.sim.object.scene_object(world) for world in range(env.num_envs)]
+    steps = env.max_episode_length
+    return [Start(scene, steps, thing=thing) for scene, thing in zip(scenes, objects, strict=True)]
 
 
 def evaluate_again(
     evaluate: Callable[..., dict[str, Any]],
-    cfg: NavConfig,
+    cfg: NavConfig | PickConfig,
     path: Path,
     *,
     backend: str = MUJOCO,
@@ -136,9 +153,11 @@ def evaluate_again(
     recorder = Recorder()
     result = evaluate(watch=recorder)
     start_s = time.monotonic()
-    run = functools.partial(run_episode, path=path, renderer=renderer)
+    run = functools.partial(run_episode, path=path, cfg=cfg, renderer=renderer)
     rows = list(_with_progress(_map(run, recorder.starts, processes), len(recorder.starts), report))
-    ours = DriveEpisodes(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
+    drives = isinstance(cfg, NavConfig)
+    kind, summarize = (DriveEpisodes, summarize_drives) if drives else (PickEpisodes, summarize_picks)
+    ours: Any = kind(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
     theirs = Episodes.concatenate(recorder.ends)
     per_seed, conditions = len(recorder.ends[0].outcome), len(result["rows"])
     # Benchmarks give worlds their conditions in turn.
@@ -147,12 +166,12 @@ def evaluate_again(
     told = []
     for index, batched in enumerate(result["rows"]):
         mine = condition == index
-        row = summarize_drives(ours.select(mine), period)
+        row = summarize(ours.select(mine), period)
         difference = paired_difference([theirs.select(mine)], [ours.select(mine)])
         kept = {key: batched[key] for key in row}
         told.append(batched | row | {"batched": kept, "difference": difference})
     success_rate = float((theirs.outcome == episode.SUCCESS).mean())
-    overall = summarize_drives(ours, period) | {
+    overall = summarize(ours, period) | {
         "batched": {"success_rate": success_rate},
         "difference": paired_difference([theirs], [ours]),
     }
@@ -166,7 +185,9 @@ def evaluate_again(
     }
 
 
-def _check(network: Network, cfg: NavConfig) -> None:
+def _check(network: Network, cfg: NavConfig | PickConfig) -> None:
+    if isinstance(cfg, PickConfig):
+        return
     goal = network.contract.goal
     if goal is None or goal.tolerance_m != cfg.goal_tolerance_m:
         stops = "stops at no goal" if goal is None else f"stops within {goal.tolerance_m:g} m of the goal"
@@ -180,23 +201,35 @@ def _network(path: Path) -> Network:
     return Network(path)
 
 
-def run_episode(start: Start, *, path: Path, renderer: str = RAYS) -> Mapping[str, Any]:
-    """Run one episode in C MuJoCo, simulated time only; return what `metrics.DriveEpisodes` holds of it."""
+def run_episode(
+    start: Start, *, path: Path, cfg: NavConfig | PickConfig, renderer: str = RAYS
+) -> Mapping[str, Any]:
+    """Run one episode in C MuJoCo, in simulated time; return what the task's `Episodes` hold of it."""
     network = _network(path)
-    one = MujocoRobot(start.scene, network.contract, renderer=renderer)
-    umpire = one.umpire = DriveUmpire(one.model, one.data)
-    loop = ControlLoop(one, one.connect(), Agent(network))
+    # The table is the first box of a scene with an object.
+    thing = None if start.thing is None else (start.thing, start.scene.pool.first_box)
+    one = MujocoRobot(start.scene, network.contract, renderer=renderer, thing=thing)
+    umpire = one.umpire = _umpire(one, start, cfg)
+    connection = one.connect()
+    loop = ControlLoop(one, connection, Agent(network))
+    object_b = None if connection.object_b is None else np.array(connection.object_b)
     # The goal may be reached with the last step; whether it was is seen at the next tick.
-    ended = loop.run((start.most_steps + 0.5) * network.contract.period_s, start.scene.goal)
+    ended = loop.run((start.most_steps + 0.5) * network.contract.period_s, start.scene.goal, object_b)
     outcomes = {ARRIVED: episode.SUCCESS, TIME_OVER: episode.TIMEOUT, _RUNSTOP: umpire.outcome}
     if ended.reason.startswith("SIG"):
         raise KeyboardInterrupt
     return {
         "outcome": outcomes.get(ended.reason, episode.NON_FINITE),
         "steps": min(ended.steps, start.most_steps),
-        "way": start.way,
-        **umpire.figures(start.scene.goal),
+        **umpire.figures(one.data),
     }
+
+
+def _umpire(one: MujocoRobot, start: Start, cfg: NavConfig | PickConfig) -> Umpire:
+    if isinstance(cfg, NavConfig):
+        return DriveUmpire(one.model, one.data, start.scene.goal, start.way)
+    assert one.handled is not None and start.thing is not None
+    return PickUmpire(one.model, one.handled, float(start.thing.half_extents[2]), cfg)
 
 
 def _map(

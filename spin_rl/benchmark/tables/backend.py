@@ -12,7 +12,8 @@ _NAMES = {"mujoco": "C MuJoCo"}
 
 def table(result: dict[str, Any]) -> str:
     """Format a result of `backend.evaluate_again` for the terminal."""
-    episodes = f"{result['rows'][0]['episodes']} episodes per row"
+    counts = sorted({row["episodes"] for row in result["rows"]})
+    episodes = f"{' or '.join(map(str, counts))} episodes per row"
     simulator = f"{_NAMES[result['backend']]} at {result['timestep_s']:g} s, images by {result['renderer']}"
     heading = f"{title(result['benchmark'].capitalize(), result, episodes)}; exported, {simulator}"
     header = [

@@ -22,7 +22,7 @@ from spin_rl.deploy.backends.handled import IMPRATIO, HandledObject, standing_ob
 from spin_rl.deploy.backends.motion import Movers
 from spin_rl.deploy.backends.scandots import NativeScandots
 from spin_rl.deploy.contract import Contract, Profile
-from spin_rl.deploy.interface import Command, Connection, DepthFrame, RobotState
+from spin_rl.deploy.interface import Clock, Command, Connection, DepthFrame, RobotState
 from spin_rl.deploy.observations import in_base
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import Scene
@@ -127,7 +127,7 @@ class MujocoRobot:
             renderer: See `Settings`.
             thing: An object to grasp, and the slot of the table that it stands on.
         """
-        self.clock = self
+        self.clock: Clock = self
         self.model = native_model(scene, obj=None if thing is None else thing[0], movable=True)
         self.model.opt.timestep = TIMESTEP_S
         defaults = mujoco.MjOption()
