@@ -37,6 +37,7 @@ from spin_rl.deploy.network import Network
 from spin_rl.policy import Policy
 from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.objects.shapes import SceneObject
+from spin_rl.sensors.depth.noise import DepthNoiseConfig
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.env import TaskEnv
 from spin_rl.tasks.nav.config import NavConfig
@@ -186,7 +187,11 @@ def evaluate_again(
 
 
 def _check(network: Network, cfg: NavConfig | PickConfig) -> None:
+    if cfg.depth is not None and cfg.depth.noise != DepthNoiseConfig():
+        raise ConfigError("depth: images of the other simulator are exact, as with depth=ideal")
     if isinstance(cfg, PickConfig):
+        if cfg.detector != "none":
+            raise ConfigError("task.detector: the other simulator tells where the object is, say none")
         return
     goal = network.contract.goal
     if goal is None or goal.tolerance_m != cfg.goal_tolerance_m:
