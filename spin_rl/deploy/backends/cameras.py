@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from typing import Protocol
 
 import mujoco
@@ -131,12 +132,13 @@ class _RenderedCamera:
         model.geom_group[model.geom_bodyid == model.cam_bodyid[camera]] = _HIDDEN_GROUP
         self._option = mujoco.MjvOption()
         self._option.geomgroup[:] = np.isin(np.arange(6), _SEEN_GROUPS)
+        # Without a display, MuJoCo's own choice of OpenGL ends the process.
+        if os.environ.get("MUJOCO_GL") != RENDERED:
+            raise ConfigError(f"renderer: {RENDERED} needs MUJOCO_GL={RENDERED} in the environment")
         try:
             self._renderer = mujoco.Renderer(model, height, width)
         except Exception as error:  # no common class: each platform of OpenGL has its own
-            raise ConfigError(
-                f"renderer: {RENDERED} needs OpenGL and MUJOCO_GL=egl in the environment: {error}"
-            ) from None
+            raise ConfigError(f"renderer: {RENDERED} cannot be used here: {error}") from None
         self._renderer.enable_depth_rendering()
 
     def image(self, data: mujoco.MjData) -> np.ndarray:
