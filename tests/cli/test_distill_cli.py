@@ -12,7 +12,7 @@ import torch
 import yaml
 from omegaconf import OmegaConf
 
-import spin_rl.tasks.nav
+import spin_rl.tasks.nav.env
 from spin_rl.benchmark import settings
 from spin_rl.cli import distill, run_folder
 from spin_rl.config import ConfigError

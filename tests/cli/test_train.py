@@ -10,7 +10,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-import spin_rl.tasks.nav
+import spin_rl.tasks.nav.env
 from spin_rl.cli import common, train
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR

@@ -6,11 +6,10 @@ python tests/export/tiny_policies.py    # writes them anew, after the metadata h
 import json
 from pathlib import Path
 
-import safetensors.torch
 import torch
 
 from spin_rl.export.write import Exported, export_policy
-from spin_rl.runners.policy_file import build_model, read_policy
+from spin_rl.runners.policy_file import build_model, read_policy, write_policy
 
 DATA = Path(__file__).parents[1] / "data"
 LIKE = {"tiny_nav": "nav-cvo-depth", "tiny_pick": "pick-depth"}
@@ -44,7 +43,7 @@ def make_tiny(name: str, folder: Path, seed: int = 1, **changes) -> Path:
         torch.nn.init.normal_(parameter, std=0.2)
     weights = {key: value.contiguous() for key, value in model.state_dict().items()}
     path = folder / f"{name}.safetensors"
-    safetensors.torch.save_file(weights, path, {"spin_rl": json.dumps(metadata)})
+    write_policy(path, weights, metadata)
     return path
 
 

@@ -121,6 +121,7 @@ def test_a_run_that_goes_back_leaves_the_other_branch_and_its_events(tmp_path, c
 
 def test_the_events_of_the_checkpoint_stay(tmp_path):
     PPORunner(FakeEnv(), config(), tmp_path).train(4)
+    time.sleep(1.0)  # TensorBoard reads files in the order of the seconds in their names
     runner = PPORunner(FakeEnv(), config(), tmp_path)
     runner.load(tmp_path)
     runner.train(7)

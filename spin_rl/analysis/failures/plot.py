@@ -48,7 +48,10 @@ def _legend() -> list[Any]:
 
     levels = {"low": "low obstacle", "arm": "at arm height", "head": "at head height", "tall": "tall"}
     return [
-        *(Patch(color="#%02x%02x%02x" % style.LEVEL[level], label=label) for level, label in levels.items()),
+        *(
+            Patch(color="#{:02x}{:02x}{:02x}".format(*style.LEVEL[level]), label=label)
+            for level, label in levels.items()
+        ),
         Patch(facecolor="none", edgecolor="red", label="what was hit"),
         Line2D([], [], color="red", label="part that hit it"),
         Line2D([], [], color="black", label="robot"),
