@@ -10,9 +10,12 @@ from spin_rl.deploy.backends.motion import Movers
 from spin_rl.deploy.backends.mujoco import TIMESTEP_S, MujocoRobot
 from spin_rl.deploy.interface import Command
 from spin_rl.deploy.network import Network
+from spin_rl.export.describe import describe
+from spin_rl.runners.policy_file import read_policy
 from spin_rl.scenes.layout import Layout, PoolSpec, Scene
 from spin_rl.scenes.motion import move_slots, restart_motion
 from spin_rl.scenes.scene_file import parse_scene
+from spin_rl.warp_kernels.tokens import NUM_CORNERS, TOKEN_SIZE
 
 DATA = Path(__file__).parents[1] / "data"
 POOL = PoolSpec(1, 3, 2)
@@ -54,12 +57,11 @@ def test_they_move_as_in_the_batched_simulation(seed):
     assert (farthest > 0.05).all()
 
 
-@pytest.fixture
-def crossing():
-    """The robot in the way of a pole, which is 0.6 m ahead and comes at 0.5 m/s."""
+def crossing(contract):
+    """The robot in the way of a pole, which is 0.9 m ahead and comes at 0.5 m/s."""
     pole = {"position": [0.9, 0.0], "radius": 0.1, "height": 1.5, "motion": {"to": [0.0, 0.0], "speed": 0.5}}
     scene = {"start": {"position": [0.0, 0.0]}, "goal": [6, 0], "cylinders": [pole]}
-    return MujocoRobot(parse_scene(scene), Network(DATA / "tiny_nav.onnx").contract)
+    return MujocoRobot(parse_scene(scene), contract)
 
 
 class Watcher:
@@ -74,15 +76,32 @@ class Watcher:
         self.steps += 1
 
 
-def test_they_are_seen_and_touch_and_the_umpire_presses_the_runstop(crossing):
-    crossing.umpire = watcher = Watcher()
-    joints = crossing.state().joints
-    crossing.command(Command(0.0, 0.0, joints, np.full(8, 1.0)))
-    first = crossing.depth().image
-    crossing.sleep_until(0.5)
-    pole = crossing.data.geom("cylinder_0")
+def test_they_are_seen_and_touch_and_the_umpire_presses_the_runstop():
+    one = crossing(Network(DATA / "tiny_nav.onnx").contract)
+    one.umpire = watcher = Watcher()
+    one.command(Command(0.0, 0.0, one.state().joints, np.full(8, 1.0)))
+    first = one.depth().image
+    one.sleep_until(0.5)
+    pole = one.data.geom("cylinder_0")
     np.testing.assert_allclose(pole.xpos[:2], (0.65, 0.0), atol=0.5 * TIMESTEP_S + 1e-6)
-    assert (np.abs(crossing.depth().image - first) > 0.05).any() and not crossing.state().runstop
+    assert (np.abs(one.depth().image - first) > 0.05).any() and not one.state().runstop
     assert (watcher.steps, watcher.substeps) == (1, 250)
-    crossing.sleep_until(1.6)
-    assert crossing.state().runstop and any("cylinder_0" in pair for pair in crossing.touched)
+    one.sleep_until(1.6)
+    assert one.state().runstop and any("cylinder_0" in pair for pair in one.touched)
+
+
+def test_scandots_tell_where_they_are_now():
+    one = crossing(describe(read_policy("nav-cvo"), units=256))
+    one.command(Command(0.0, 0.0, one.state().joints, np.full(8, 1.0)))
+
+    def seen():
+        """Distances of the corners that are told [m], least and largest."""
+        token = one.told()["scandots"].reshape(-1, TOKEN_SIZE)[0]
+        is_told = token[-NUM_CORNERS:] > 0.0
+        ahead = token[:-NUM_CORNERS].reshape(NUM_CORNERS, 3)[is_told, 0]
+        return np.array([ahead.min(), ahead.max()])
+
+    before = seen()
+    assert ((0.79 < before) & (before < 1.01)).all()
+    one.sleep_until(0.4)
+    assert ((0.59 < seen()) & (seen() < 0.81)).all()
