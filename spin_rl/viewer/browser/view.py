@@ -59,7 +59,7 @@ class Browser:
         self._reset = threading.Event()
         self._stage: Stage | None = None
         self._views: list[WorldView] = []
-        self._choosers: dict[Any, tuple[tuple[str, ...], str]] = {}
+        self._choosers: dict[int, tuple[tuple[str, ...], str]] = {}
         self._anchor = np.zeros(2)  # what is shown at the origin
         server = self.server
         server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -121,7 +121,7 @@ class Browser:
         self._depth = gui.add_image(np.zeros((8, 8, 3), np.uint8), label="depth camera; near is bright")
         self._statistics = gui.add_markdown("")
         choosers = (self._speed, self._policy, self._scenario, self._difficulty, self._world)
-        self._choosers = {chooser: (tuple(chooser.options), chooser.value) for chooser in choosers}
+        self._choosers = {id(chooser): (tuple(chooser.options), chooser.value) for chooser in choosers}
         self._add_worlds(player)
         self.show(player.snapshots, player)
 
@@ -167,10 +167,10 @@ class Browser:
 
     def _offered(self, chooser: Any) -> str:
         """Return what is chosen; what was never offered, but sent, gives way to the last choice."""
-        value, (options, last) = chooser.value, self._choosers[chooser]
+        value, (options, last) = chooser.value, self._choosers[id(chooser)]
         if value not in options:
             chooser.value = value = last
-        self._choosers[chooser] = options, value
+        self._choosers[id(chooser)] = options, value
         return value
 
     def _choice(self) -> tuple[str, str, str]:
