@@ -66,6 +66,34 @@ class Episodes:
 Kind = TypeVar("Kind", bound=Episodes)
 
 
+def paired_difference(own: Sequence[Episodes], other: Sequence[Episodes]) -> dict[str, Any]:
+    """Compare the success of two conditions scene by scene.
+
+    The interval is that of Bonett and Price (2012) for paired proportions: Wald's with one scene more won
+    and one more lost, so that it keeps a width where all scenes agree. Groups are pooled. It covers the
+    choice of scenes, not that of training runs.
+
+    Args:
+        own: Groups of episodes under the first condition.
+        other: The same scenes in the same order under the other one.
+
+    Returns:
+        `mean` (other minus own), `ci95`, and how many scenes were `won` (success only under the other
+        condition) and `lost` (only under the first).
+    """
+    before, after = (
+        np.concatenate([group.outcome == episode.SUCCESS for group in groups]) for groups in (own, other)
+    )
+    if len(before) != len(after):
+        raise ValueError(f"{len(before)} episodes cannot be paired with {len(after)}")
+    won, lost = int((after & ~before).sum()), int((before & ~after).sum())
+    count = len(before)
+    up, down = (won + 1) / (count + 2), (lost + 1) / (count + 2)
+    half = _Z95 * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
+    ci95 = [max(up - down - half, -1.0), min(up - down + half, 1.0)]
+    return {"mean": (won - lost) / count, "ci95": ci95, "won": won, "lost": lost}
+
+
 @dataclass
 class ReachEpisodes(Episodes):
     """How episodes of the navigation task ended.

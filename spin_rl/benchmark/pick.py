@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from spin_rl.benchmark.metrics import Episodes, PickEpisodes, summarize_picks
-from spin_rl.benchmark.rounds import Announce, check_counts, describe_task, run_rounds, run_seeds
+from spin_rl.benchmark.rounds import Announce, WatchPolicy, check_counts, describe_task, run_rounds, run_seeds
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.objects.shapes import OBJECTS
 from spin_rl.tasks.common.objects.config import ANY_OBJECT, object_names
@@ -29,6 +29,7 @@ def evaluate_pick(
     num_envs: int | None = None,
     announce: Announce | None = None,
     report: Callable[[str], None] = print,
+    watch: WatchPolicy | None = None,
 ) -> dict[str, Any]:
     """Run the benchmark.
 
@@ -45,6 +46,7 @@ def evaluate_pick(
         num_envs: Most worlds at once; None takes all episodes at once as far as that is sensible.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
         `policy`, `benchmark`, `overall` and `rows` (see `metrics.summarize_picks`; of each object, named by
@@ -65,6 +67,7 @@ def evaluate_pick(
         num_envs=num_envs,
         announce=announce,
         report=report,
+        watch=watch,
     )
     period = cfg.sim.control_period
     return {

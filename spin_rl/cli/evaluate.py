@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from spin_rl.benchmark import policies, settings
+from spin_rl.benchmark import backend, policies, settings
 from spin_rl.benchmark import registry as benchmarks
+from spin_rl.benchmark.tables import backend as backend_report
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
+from spin_rl.deploy.backends.cameras import RENDERERS
 from spin_rl.files import write_json
 from spin_rl.ranges import Seed
+from spin_rl.runners.policy_file import read_policy
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -62,6 +67,9 @@ class Options:
         num_envs: Most worlds at once, or None.
         device: "cpu" or "cuda:N".
         scene_file: A fixed scene, or None.
+        backend: Another simulator to run the same episodes in, or None.
+        renderer: What makes depth images there.
+        processes: How many run episodes there at the same time.
         analysis: One of `ANALYSES`, or None.
         plot: Drawing to write, or None.
         out: JSON to write, or None.
@@ -78,6 +86,9 @@ class Options:
     num_envs: Annotated[int, Range(high=2**18)] | None
     device: str
     scene_file: Path | None
+    backend: Annotated[str, Choice(backend.BACKENDS)] | None
+    renderer: Annotated[str, Choice(RENDERERS)]
+    processes: Annotated[int, Range(1)]
     analysis: Annotated[str, Choice(ANALYSES)] | None
     plot: Path | None
     out: Path | None
@@ -134,7 +145,8 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
     if scene is not None and options.starts is None and find_spec("scipy") and not has_way(scene):
         print(f"scene: {options.scene_file}: the planner finds no way from the start to the goal")
     fixed = {} if options.scene_file is None else {"scene": scene, "scene_name": options.scene_file.name}
-    result = options.benchmark.evaluate(
+    batched = partial(
+        options.benchmark.evaluate,
         source.make,
         task,
         options.episodes,
@@ -145,7 +157,24 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
         **{f"{key}_name": name for key, name in source.names.items()},
         **fixed,
     )
-    return options.benchmark, result
+    if options.backend is None:
+        return options.benchmark, batched()
+    return backend_report, _measure_again(options, batched, task)
+
+
+def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], task: Any) -> dict[str, Any]:
+    from spin_rl.export.write import export_policy
+
+    with tempfile.TemporaryDirectory() as folder:
+        exported = export_policy(read_policy(options.policy), Path(folder) / "policy.onnx")
+        return backend.evaluate_again(
+            batched,
+            task,
+            exported.path,
+            backend=str(options.backend),
+            renderer=options.renderer,
+            processes=options.processes,
+        )
 
 
 def _analyse_camera(options: Options, source: policies.PolicySource, task: Any) -> Measured:
@@ -235,6 +264,7 @@ def _check(options: Options, spec: TaskSpec) -> None:
     if options.pick is not None and "pick" not in spec.policies:
         takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
         raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
+    _check_backend(options, spec)
     if options.analysis is None:
         if options.plot is not None:
             raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
@@ -251,6 +281,22 @@ def _check(options: Options, spec: TaskSpec) -> None:
             raise ConfigError(f"plot: expected a .png, .pdf or .svg file, got {str(options.plot)!r}")
         if find_spec("matplotlib") is None:
             raise ConfigError("plot: needs matplotlib: pip install 'spin-rl[plots]'")
+
+
+def _check_backend(options: Options, spec: TaskSpec) -> None:
+    """Reject what cannot be run in another simulator."""
+    if options.backend is None:
+        for override in options.overrides:
+            if override.startswith(("renderer=", "processes=")):
+                raise ConfigError(f"{override.partition('=')[0]}: needs backend={backend.MUJOCO}")
+        return
+    if options.analysis is not None:
+        raise ConfigError(f"backend: analysis={options.analysis} looks at the batched simulation alone")
+    if spec.name not in backend.TASKS:
+        name = options.benchmark.name
+        raise ConfigError(f"backend: benchmark={name} cannot be run in the deploy loop yet")
+    if options.policy in policies.UNTRAINED:
+        raise ConfigError(f"policy: {options.policy} cannot be exported, as backend={options.backend} needs")
 
 
 def _those(fits: Callable[[benchmarks.Benchmark], bool]) -> str:

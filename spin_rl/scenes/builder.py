@@ -71,13 +71,16 @@ def near_geom_names(pool: PoolSpec, nearby: int) -> tuple[list[str], list[str]]:
     return [f"near_box_{i}" for i in range(boxes)], [f"near_cylinder_{i}" for i in range(cylinders)]
 
 
-def native_model(layout: Layout | Scene, world: int = 0, *, obj: SceneObject | None = None) -> mujoco.MjModel:
+def native_model(
+    layout: Layout | Scene, world: int = 0, *, obj: SceneObject | None = None, movable: bool = False
+) -> mujoco.MjModel:
     """Compile an ordinary MuJoCo model of the robot in one world, for oracles and viewers.
 
     Args:
         layout: Scenes of all worlds, or a single scene.
         world: World index; ignored for a single scene.
         obj: An object to grasp; with one, the robot is the grasping one.
+        movable: Make slots that move mocap bodies with the names of their geoms.
 
     Returns:
         The model. Inactive slots have no geom; the active ones have the names of `PoolSpec.geom_names`.
@@ -86,7 +89,7 @@ def native_model(layout: Layout | Scene, world: int = 0, *, obj: SceneObject | N
     spec = robot.load_spec() if obj is None else robot.load_grasp_spec()
     _add_floor(spec)
     for slot in np.flatnonzero(scene.active):
-        _add_geom(spec, scene, int(slot))
+        _add_geom(spec, scene, int(slot), movable=movable)
     if obj is not None:
         add_native_object(spec, obj)
     return spec.compile()
@@ -245,16 +248,21 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
     )
 
 
-def _add_geom(spec: mujoco.MjSpec, scene: Scene, slot: int, *, touched: bool = True) -> None:
-    """Add one slot of a scene as a static geom of the world body."""
+def _add_geom(
+    spec: mujoco.MjSpec, scene: Scene, slot: int, *, touched: bool = True, movable: bool = False
+) -> None:
+    """Add one slot of a scene as a static geom of the world body; if it moves, and may, of a mocap body."""
     half = scene.half_size[slot]
     cylinder = bool(scene.is_cylinder[slot])
     rgba = _CYLINDER_RGBA if cylinder else _WALL_RGBA if scene.is_wall[slot] else _BOX_RGBA
-    spec.worldbody.add_geom(
-        name=scene.pool.geom_names()[slot],
+    name, body, pos = scene.pool.geom_names()[slot], spec.worldbody, list(scene.pos[slot])
+    if movable and scene.motion_speed[slot] > 0.0:
+        body, pos = body.add_body(name=name, pos=pos, mocap=True), [0.0, 0.0, 0.0]
+    body.add_geom(
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_BOX,
         size=[half[0], half[2], 0.0] if cylinder else list(half),
-        pos=list(scene.pos[slot]),
+        pos=pos,
         quat=[math.cos(0.5 * scene.yaw[slot]), 0.0, 0.0, math.sin(0.5 * scene.yaw[slot])],
         contype=SCENE_CONTYPE if touched else 0,
         conaffinity=0,

@@ -62,6 +62,11 @@ def run_main(monkeypatch, *arguments):
             "policy: pick-teacher was trained with task=pick; a fetch needs one of task=nav",
         ),
         (["policy=zero", "benchmark=fetch", "camera=fixcam_IV"], "task.camera_pose: the camera cannot"),
+        (["policy=zero", "backend=gazebo"], "backend: unknown 'gazebo'; choose from mujoco"),
+        (["policy=zero", "backend=mujoco"], "policy: zero cannot be exported"),
+        (["policy=zero", "processes=2"], "processes: needs backend=mujoco"),
+        (["policy=zero", "backend=mujoco", "analysis=camera"], "backend: analysis=camera looks at"),
+        (["policy=zero", "benchmark=fetch", "backend=mujoco"], "backend: benchmark=fetch cannot be run"),
         (["policy=zero", "benchmark=fetch", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
     ],
 )

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from spin_rl.analysis.camera.variants import Variant, check_pose
 from spin_rl.analysis.hits import Hit, summarize_hits
 from spin_rl.analysis.watch import SETTLING_S, CameraMotion, WatchedPolicy
-from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, summarize
+from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, paired_difference, summarize
 from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
 from spin_rl.benchmark.rounds import SEED_OFFSET, check_counts, one_batch
 from spin_rl.policy import Policy, PolicyFactory
-from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
-
-_Z95 = 1.959963984540054
 
 
 @dataclass
@@ -195,32 +189,3 @@ def describe(result: Measured, own: Measured, cells: Sequence[Cell], control_per
         "camera": result.motion and {name: asdict(motion) for name, motion in result.motion.items()},
         "hits": summarize_hits(result.hits),
     }
-
-
-def paired_difference(own: Sequence[ReachEpisodes], other: Sequence[ReachEpisodes]) -> dict[str, Any]:
-    """Compare two variants corridor by corridor.
-
-    The interval is that of Bonett and Price (2012) for paired proportions: Wald's with one corridor more won
-    and one more lost, so that it keeps a width where all corridors agree. Cells are pooled; they have equally
-    many episodes, so the difference is that of the means over cells. It covers the choice of corridors, not
-    that of training runs.
-
-    Args:
-        own: Episodes of every cell with the policy's own camera.
-        other: The same corridors in the same order with another camera.
-
-    Returns:
-        `mean` (other minus own), `ci95`, and how many corridors were `won` (success only with the other
-        camera) and `lost` (only with the own).
-    """
-    before, after = (
-        np.concatenate([group.outcome == episode.SUCCESS for group in groups]) for groups in (own, other)
-    )
-    if len(before) != len(after):
-        raise ValueError(f"{len(before)} episodes cannot be paired with {len(after)}")
-    won, lost = int((after & ~before).sum()), int((before & ~after).sum())
-    count = len(before)
-    up, down = (won + 1) / (count + 2), (lost + 1) / (count + 2)
-    half = _Z95 * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
-    ci95 = [max(up - down - half, -1.0), min(up - down + half, 1.0)]
-    return {"mean": (won - lost) / count, "ci95": ci95, "won": won, "lost": lost}

@@ -101,15 +101,20 @@ class HandledObject:
             sums[column] = max(sums[column], self._sums[column])
         self._sums = sums
 
+    @property
+    def grip(self) -> Grip:
+        """Forces of the control step."""
+        left, right, table, hard, support = self._sums.tolist()
+        return Grip((left, right), table, hard, support > 0.0)
+
     def told(self, data: mujoco.MjData) -> Mapping[str, np.ndarray]:
         """Return what a fetch, and a policy that picks, are told; poses must be those of now."""
         hand = data.site(robot.GRASP_CENTER_SITE)
         at = data.xpos[self._body]
-        left, right, table, hard, support = self._sums.tolist()
         velocity = np.zeros(6)
         mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_BODY, self._body, velocity, 0)
         known = Known(
-            grip=Grip((left, right), table, hard, support > 0.0),
+            grip=self.grip,
             object_at=at.copy(),
             object_speed=float(np.linalg.norm(velocity[3:])),
             is_seen=self._is_seen(data, at),

@@ -10,17 +10,19 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import mujoco
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.config import Choice, ConfigError, Range, from_mapping
+from spin_rl.config import Choice, Range, from_mapping
+from spin_rl.deploy.backends.cameras import RAYS, RENDERERS, make_camera
 from spin_rl.deploy.backends.handled import IMPRATIO, HandledObject, standing_object
+from spin_rl.deploy.backends.motion import Movers
 from spin_rl.deploy.backends.scandots import NativeScandots
 from spin_rl.deploy.contract import Contract, Profile
-from spin_rl.deploy.interface import CameraInfo, Command, Connection, DepthFrame, RobotState
+from spin_rl.deploy.interface import Clock, Command, Connection, DepthFrame, RobotState
 from spin_rl.deploy.observations import in_base
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.layout import Scene
@@ -28,8 +30,6 @@ from spin_rl.scenes.objects.shapes import OBJECTS, SceneObject
 from spin_rl.scenes.scene_file import find_scene, load_scene
 
 TIMESTEP_S = 0.002
-_FAR_M = 10.0
-_SEEN_GROUPS = (0, 1, 2)
 _TRACTION_N = 150.0
 """What the wheels can push: the robot's weight of 243 N by a friction of 0.6."""
 _TRACTION_NM = 25.0
@@ -44,6 +44,7 @@ class Settings:
         scene: Scene file, or the name of one in conf/scenes_examples.
         pixels: Columns of the camera's own image; None takes the policy's.
         realtime: Whether simulated time passes as real time does.
+        renderer: What makes the images, see `cameras`.
         object: An object to grasp; with one, policies that pick and fetches are told what they must know.
         object_at: Where it stands, on the highest box there, which is the table [m].
     """
@@ -51,6 +52,7 @@ class Settings:
     scene: Path
     pixels: Annotated[int, Range(1, 1280)] | None = None
     realtime: bool = False
+    renderer: Annotated[str, Choice(RENDERERS)] = RAYS
     object: Annotated[str, Choice(OBJECTS)] | None = None
     object_at: tuple[float, float] | None = None
 
@@ -68,12 +70,29 @@ def open_robot(settings: Mapping[str, Any], contract: Contract) -> MujocoRobot:
     """
     cfg = from_mapping(Settings, settings, "robot")
     scene = load_scene(find_scene(cfg.scene))
-    if scene.moves:
-        raise ConfigError(f"robot.scene: {cfg.scene} has things that move, which this back end leaves out")
     thing = None
     if cfg.object is not None and cfg.object_at is not None:
         thing = standing_object(scene, cfg.object, cfg.object_at)
-    return MujocoRobot(scene, contract, pixels=cfg.pixels, realtime=cfg.realtime, thing=thing)
+    return MujocoRobot(
+        scene, contract, pixels=cfg.pixels, realtime=cfg.realtime, renderer=cfg.renderer, thing=thing
+    )
+
+
+class Umpire(Protocol):
+    """Looks on and says when an episode is over: then the runstop is pressed."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is."""
+        ...
+
+    def add_substep(self, data: mujoco.MjData) -> None:
+        """Look at the physics step just made; contacts and poses are of its start."""
+        ...
+
+    def judge(self, data: mujoco.MjData) -> None:
+        """Look at the control step just made."""
+        ...
 
 
 class MujocoRobot:
@@ -84,6 +103,8 @@ class MujocoRobot:
         model: The model.
         data: Its state.
         touched: Names of the geoms that touched each other so far.
+        umpire: Looks on, if there is one.
+        handled: What it knows of the object to grasp, if there is one.
     """
 
     def __init__(
@@ -93,19 +114,21 @@ class MujocoRobot:
         *,
         pixels: int | None = None,
         realtime: bool = False,
+        renderer: str = RAYS,
         thing: tuple[SceneObject, int] | None = None,
     ) -> None:
         """Put the robot at the scene's start.
 
         Args:
-            scene: Static.
+            scene: The world.
             contract: Gives servo speeds, camera and image size.
             pixels: See `Settings`.
             realtime: See `Settings`.
+            renderer: See `Settings`.
             thing: An object to grasp, and the slot of the table that it stands on.
         """
-        self.clock = self
-        self.model = native_model(scene, obj=None if thing is None else thing[0])
+        self.clock: Clock = self
+        self.model = native_model(scene, obj=None if thing is None else thing[0], movable=True)
         self.model.opt.timestep = TIMESTEP_S
         defaults = mujoco.MjOption()
         self.model.opt.iterations, self.model.opt.ls_iterations = defaults.iterations, defaults.ls_iterations
@@ -114,30 +137,35 @@ class MujocoRobot:
             actuator = self.model.actuator(joint).id
             self.model.actuator_forcelimited[actuator] = True
             self.model.actuator_forcerange[actuator] = -force, force
-        self._object: HandledObject | None = None
+        self.handled: HandledObject | None = None
         if thing is not None:
             self.model.opt.impratio = IMPRATIO
-            self._object = HandledObject(scene, thing[1], thing[0], self.model, contract)
+            self.handled = HandledObject(scene, thing[1], thing[0], self.model, contract)
         self.data = mujoco.MjData(self.model)
         self.touched: set[tuple[str, str]] = set()
+        self.umpire: Umpire | None = None
+        self._movers = Movers(scene)
+        names = np.array(scene.pool.geom_names())[self._movers.slots]
+        self._mocap = [int(self.model.body(name).mocapid[0]) for name in names]
         self._goal = (float(scene.goal[0]), float(scene.goal[1]))
         self._scandots: NativeScandots | None = None
         if contract.scandots is not None:
             self._scandots = NativeScandots(scene, self.model, contract)
         self._servos = _Servos(contract.speed_profile)
-        self._camera = _camera(self.model, contract, pixels)
+        self._camera = make_camera(self.model, contract, pixels=pixels, renderer=renderer)
         self._realtime, self._epoch = realtime, time.monotonic()
         joints: dict[str, float] = dict(zip(robot.JOINTS, scene.start_joints.tolist(), strict=True))
         self.data.qpos[:] = robot.qpos_from_joints(self.model, joints)
         self.data.qpos[:3] = scene.start
+        self._put_movers()
         mujoco.mj_forward(self.model, self.data)
         self._command = self._holding()
 
     def connect(self) -> Connection:
         """Say what there is."""
         object_b = None
-        if self._object is not None:
-            object_b = tuple(in_base(self._object.start, self.data.qpos[:3]).tolist())
+        if self.handled is not None:
+            object_b = tuple(in_base(self.handled.start, self.data.qpos[:3]).tolist())
         return Connection(is_real=False, camera=self._camera.info, goal=self._goal, object_b=object_b)
 
     def now(self) -> float:
@@ -146,14 +174,21 @@ class MujocoRobot:
 
     def sleep_until(self, time_s: float) -> None:
         """Simulate up to a time [s]."""
-        if self._object is not None and self.data.time < time_s - 1e-9:
-            self._object.clear()
+        is_step = self.data.time < time_s - 1e-9
+        if is_step and self.handled is not None:
+            self.handled.clear()
         while self.data.time < time_s - 1e-9:
             self._servos.drive(self._command, self.data)
+            self._movers.advance(self.data.qpos[:2], TIMESTEP_S)
+            self._put_movers()
             mujoco.mj_step(self.model, self.data)
             self._note_contacts()
-            if self._object is not None:
-                self._object.add_substep(self.data)
+            if self.handled is not None:
+                self.handled.add_substep(self.data)
+            if self.umpire is not None:
+                self.umpire.add_substep(self.data)
+        if is_step and self.umpire is not None:
+            self.umpire.judge(self.data)
         if self._realtime:
             time.sleep(max(self._epoch + time_s - time.monotonic(), 0.0))
 
@@ -167,6 +202,7 @@ class MujocoRobot:
             joint_velocity=_joints(qvel),
             base=qpos[:3].copy(),
             base_velocity=np.array([forward, qvel[2]]),
+            runstop=self.umpire is not None and self.umpire.is_over,
         )
 
     def depth(self) -> DepthFrame:
@@ -190,13 +226,17 @@ class MujocoRobot:
         mujoco.mj_kinematics(self.model, self.data)
         groups: dict[str, np.ndarray] = {}
         if self._scandots is not None:
-            groups |= self._scandots.group(self.data)
-        if self._object is not None:
-            groups |= self._object.told(self.data)
+            groups |= self._scandots.group(self.data, self._movers)
+        if self.handled is not None:
+            groups |= self.handled.told(self.data)
         return groups
 
     def _holding(self) -> Command:
         return Command(0.0, 0.0, _joints(self.data.qpos), np.full(len(robot.JOINTS), np.inf))
+
+    def _put_movers(self) -> None:
+        if self._mocap:
+            self.data.mocap_pos[self._mocap] = self._movers.pos
 
     def _note_contacts(self) -> None:
         for geoms in self.data.contact.geom:
@@ -226,61 +266,6 @@ class _Servos:
         gap = self._share * command.joints[self._joint] - data.qpos[3 : len(robot.DOF_NAMES)]
         data.ctrl[:3] = forward * math.cos(yaw), forward * math.sin(yaw), turn
         data.ctrl[3:] = np.clip(gap * self._gain, -limit, limit)
-
-
-class _RayCamera:
-    """The depth camera by one ray of `mj_multiRay` a pixel; what it is mounted on is not seen."""
-
-    def __init__(self, model: mujoco.MjModel, info: CameraInfo) -> None:
-        self.info = info
-        self._model = model
-        across, down = (math.tan(math.radians(fov) / 2) for fov in info.fov_deg)
-        u, v = (
-            tan * ((2 * np.arange(n) + 1) / n - 1) for tan, n in ((across, info.width), (down, info.height))
-        )
-        right, below = np.meshgrid(u, v)
-        if info.mount == "portrait":  # the site's axes are the camera's: x right, y down in its own image
-            x, y = right, below
-        else:  # as if it was turned: the site's x is down in the world, its y to the left
-            x, y = below, -right
-        # Rays advance one metre of depth per unit, so that distances are depths.
-        self._rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3)
-        self._groups = np.isin(np.arange(6), _SEEN_GROUPS).astype(np.uint8)
-        self._geom = np.zeros(len(self._rays), dtype=np.int32)
-        self._distance = np.zeros(len(self._rays))
-
-    def image(self, data: mujoco.MjData) -> np.ndarray:
-        """Depth [m], 0 where nothing is near enough, shape (height, width), float32."""
-        site = data.site(robot.CAMERA_SITE)
-        rays = self._rays @ site.xmat.reshape(3, 3).T
-        mujoco.mj_multiRay(
-            self._model,
-            data,
-            site.xpos,
-            rays.ravel(),
-            self._groups,
-            True,
-            self._model.site(robot.CAMERA_SITE).bodyid[0],
-            self._geom,
-            self._distance,
-            None,
-            len(rays),
-            10.0 * _FAR_M,
-        )
-        depth = np.where((self._distance >= 0.0) & (self._distance <= _FAR_M), self._distance, 0.0)
-        return depth.reshape(self.info.height, self.info.width).astype(np.float32)
-
-
-def _camera(model: mujoco.MjModel, contract: Contract, pixels: int | None) -> _RayCamera:
-    """Make the camera of a policy; one that reads no images gets a coarse one."""
-    wanted = contract.camera
-    on_side = wanted.mount == "portrait"
-    rows, columns = wanted.image or (29, 19)
-    width, height = (rows, columns) if on_side else (columns, rows)
-    if pixels is not None:
-        height, width = max(round(pixels * height / width), 1), pixels
-    fov = wanted.fov_deg if on_side else (wanted.fov_deg[1], wanted.fov_deg[0])
-    return _RayCamera(model, CameraInfo(wanted.mount, width, height, fov))
 
 
 def _joints(values: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.deploy.backends.motion import Movers
 from spin_rl.deploy.contract import Contract
 from spin_rl.scenes.layout import Scene
 from spin_rl.scenes.scene_file import layout_from_scene
@@ -33,8 +34,9 @@ class NativeScandots:
                 "site_xpos": wp.zeros((1, model.nsite), dtype=wp.vec3),
                 "site_xmat": wp.zeros((1, model.nsite), dtype=wp.mat33),
             }
+        self._layout = layout_from_scene(scene, 1, "cpu")
         self._sensor = Scandots(
-            layout_from_scene(scene, 1, "cpu"),
+            self._layout,
             **self._poses,
             camera_site=model.site(robot.CAMERA_SITE).id,
             tan_half_fov=(down, across),
@@ -44,11 +46,15 @@ class NativeScandots:
             pieces_from=contract.scandots.pieces_from_m,
         )
 
-    def group(self, data: mujoco.MjData) -> dict[str, np.ndarray]:
+    def group(self, data: mujoco.MjData, movers: Movers) -> dict[str, np.ndarray]:
         """Return the observation group, its tokens with seen corners first, shape (1, size).
 
         A policy's tokens are a set. Where more are seen than it was trained with, the farthest are left out.
         """
+        if len(movers.slots):
+            pos = self._layout.pos.numpy()
+            pos[0, movers.slots] = movers.pos
+            self._layout.pos.assign(pos)
         for name, array in self._poses.items():
             values = getattr(data, name)
             array.assign(values.reshape(1, -1, 3, 3) if name == "site_xmat" else values[None])

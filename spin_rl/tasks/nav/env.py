@@ -33,6 +33,7 @@ class NavEnv(CorridorEnv):
     The observation groups are documented in `observations.py`.
 
     Attributes:
+        most_steps: Control steps that the running episode may take, a view, shape (num_envs,), int32.
         way_left: Way left to the goal in the running episode [m], a view, shape (num_envs,).
         final_way: Way to the goal at the start of the episode that the last step belongs to [m], a view,
             shape (num_envs,).
@@ -134,6 +135,7 @@ class NavEnv(CorridorEnv):
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
         self._goal_distance_view = wp.to_torch(self._goal_distance)
+        self.most_steps = wp.to_torch(self._ways.most_steps)
         self.way_left = wp.to_torch(self._distance)
         self.final_way = wp.to_torch(self._trips.final_way)
         self.final_driven = wp.to_torch(self._trips.final_driven)
