@@ -32,6 +32,7 @@ from spin_rl.config import ConfigError
 from spin_rl.deploy.agent import Agent
 from spin_rl.deploy.backends.cameras import RAYS
 from spin_rl.deploy.backends.mujoco import TIMESTEP_S, MujocoRobot
+from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.loop import ARRIVED, TIME_OVER, ControlLoop
 from spin_rl.deploy.network import Network
 from spin_rl.policy import Policy
@@ -49,6 +50,8 @@ BACKENDS = (MUJOCO,)
 TASKS = ("nav", "pick")
 """Those whose episodes can be run again."""
 _RUNSTOP = "runstop"
+_NOT_FINITE = ("the robot's state is not finite", "the action is not finite")
+"""Reasons of the control loop."""
 _SECONDS_BETWEEN_REPORTS = 5.0
 
 
@@ -150,35 +153,14 @@ def evaluate_again(
     Raises:
         ConfigError: The file does not fit the task.
     """
-    _check(Network(path), cfg)
+    _check(Network(path).contract, cfg)
     recorder = Recorder()
     result = evaluate(watch=recorder)
     start_s = time.monotonic()
     run = functools.partial(run_episode, path=path, cfg=cfg, renderer=renderer)
     rows = list(_with_progress(_map(run, recorder.starts, processes), len(recorder.starts), report))
-    drives = isinstance(cfg, NavConfig)
-    kind, summarize = (DriveEpisodes, summarize_drives) if drives else (PickEpisodes, summarize_picks)
-    ours: Any = kind(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
-    theirs = Episodes.concatenate(recorder.ends)
-    per_seed, conditions = len(recorder.ends[0].outcome), len(result["rows"])
-    # Benchmarks give worlds their conditions in turn.
-    condition = np.tile(np.arange(per_seed) % conditions, len(recorder.ends))
-    period = cfg.sim.control_period
-    told = []
-    for index, batched in enumerate(result["rows"]):
-        mine = condition == index
-        row = summarize(ours.select(mine), period)
-        difference = paired_difference([theirs.select(mine)], [ours.select(mine)])
-        kept = {key: batched[key] for key in row}
-        told.append(batched | row | {"batched": kept, "difference": difference})
-    success_rate = float((theirs.outcome == episode.SUCCESS).mean())
-    overall = summarize(ours, period) | {
-        "batched": {"success_rate": success_rate},
-        "difference": paired_difference([theirs], [ours]),
-    }
     return result | {
-        "rows": told,
-        "overall": overall,
+        **_pair(rows, recorder.ends, cfg, result["rows"]),
         "backend": backend,
         "renderer": renderer,
         "timestep_s": TIMESTEP_S,
@@ -186,19 +168,49 @@ def evaluate_again(
     }
 
 
-def _check(network: Network, cfg: NavConfig | PickConfig) -> None:
+def _pair(
+    rows: Sequence[Mapping[str, Any]],
+    ends: Sequence[Episodes],
+    cfg: NavConfig | PickConfig,
+    batched: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Sum episodes up beside the batched ones: `rows`, one for each of `batched`, and `overall`."""
+    drives = isinstance(cfg, NavConfig)
+    kind, summarize = (DriveEpisodes, summarize_drives) if drives else (PickEpisodes, summarize_picks)
+    ours: Any = kind(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
+    theirs, period = Episodes.concatenate(ends), cfg.sim.control_period
+    # Benchmarks give the worlds of a seed their conditions in turn.
+    condition = np.concatenate([np.arange(len(end.outcome)) % len(batched) for end in ends])
+    told = []
+    for index, there in enumerate(batched):
+        chosen = condition == index
+        row = summarize(ours.select(chosen), period)
+        difference = paired_difference([theirs.select(chosen)], [ours.select(chosen)])
+        told.append({**there, **row, "batched": {key: there[key] for key in row}, "difference": difference})
+    overall = summarize(ours, period) | {
+        "batched": {"success_rate": float((theirs.outcome == episode.SUCCESS).mean())},
+        "difference": paired_difference([theirs], [ours]),
+    }
+    return {"rows": told, "overall": overall}
+
+
+def _check(contract: Contract, cfg: NavConfig | PickConfig) -> None:
+    """Reject conditions that the other simulator, or the file, does not have."""
     if cfg.depth is not None and cfg.depth.noise != DepthNoiseConfig():
         raise ConfigError("depth: images of the other simulator are exact, as with depth=ideal")
-    if isinstance(cfg, PickConfig):
-        if cfg.detector != "none":
-            raise ConfigError("task.detector: the other simulator tells where the object is, say none")
-        return
-    goal = network.contract.goal
-    if goal is None or goal.tolerance_m != cfg.goal_tolerance_m:
-        stops = "stops at no goal" if goal is None else f"stops within {goal.tolerance_m:g} m of the goal"
-        raise ConfigError(
-            f"task.goal_tolerance_m: is {cfg.goal_tolerance_m:g}, and the exported file {stops}"
-        )
+    if isinstance(cfg, PickConfig) and cfg.detector != "none":
+        raise ConfigError("task.detector: the other simulator tells where the object is, say none")
+    pairs = {
+        "task.camera_pose": (cfg.camera_pose, contract.camera.pose),
+        "task.camera_mount": (cfg.camera_mount, contract.camera.mount),
+        "robot.profile": (cfg.robot_profile, contract.speed_profile.name),
+    }
+    if isinstance(cfg, NavConfig):
+        tolerance_m = None if contract.goal is None else contract.goal.tolerance_m
+        pairs["task.goal_tolerance_m"] = cfg.goal_tolerance_m, tolerance_m
+    for key, (asked, exported) in pairs.items():
+        if asked != exported:
+            raise ConfigError(f"{key}: is {asked}, and {exported} in the exported policy")
 
 
 @functools.cache
@@ -220,11 +232,12 @@ def run_episode(
     object_b = None if connection.object_b is None else np.array(connection.object_b)
     # The goal may be reached with the last step; whether it was is seen at the next tick.
     ended = loop.run((start.most_steps + 0.5) * network.contract.period_s, start.scene.goal, object_b)
-    outcomes = {ARRIVED: episode.SUCCESS, TIME_OVER: episode.TIMEOUT, _RUNSTOP: umpire.outcome}
     if ended.reason.startswith("SIG"):
         raise KeyboardInterrupt
+    outcomes = {ARRIVED: episode.SUCCESS, TIME_OVER: episode.TIMEOUT, _RUNSTOP: umpire.outcome}
+    outcomes |= dict.fromkeys(_NOT_FINITE, episode.NON_FINITE)
     return {
-        "outcome": outcomes.get(ended.reason, episode.NON_FINITE),
+        "outcome": outcomes[ended.reason],
         "steps": min(ended.steps, start.most_steps),
         **umpire.figures(one.data),
     }

@@ -65,7 +65,7 @@ def test_every_episode_is_run_again_from_its_start_and_paired_by_condition(monke
     assert tables.headline(result).startswith("success 0.333, batched 0.000, difference +")
 
 
-def test_a_recorded_episode_starts_there_and_ends_as_in_the_batched_run(make_nav_env, device):
+def test_a_recorded_episode_starts_there_and_lasts_as_long(device):
     cfg = NavConfig(episode_s=1.0)
     recorder = backend.Recorder()
     result = batched(cfg, device)(recorder)
@@ -81,10 +81,11 @@ def test_a_recorded_episode_starts_there_and_ends_as_in_the_batched_run(make_nav
 
 
 def test_what_cannot_be_paired_is_one_line(device):
-    cfg = NavConfig(goal_tolerance_m=0.3)
     noisy = DepthConfig(noise=replace(DepthNoiseConfig(), dropout=0.1))
     cases = [
-        (cfg, r"task\.goal_tolerance_m: is 0\.3, and the exported file stops within 0\.15 m"),
+        (NavConfig(goal_tolerance_m=0.3), r"task\.goal_tolerance_m: is 0\.3, and 0\.15 in the exported"),
+        (NavConfig(camera_pose=(0.0, -0.2)), r"task\.camera_pose: is \(0\.0, -0\.2\), and None in"),
+        (NavConfig(robot_profile="re1"), r"robot\.profile: is re1, and paper in"),
         (NavConfig(depth=noisy), "depth: images of the other simulator are exact"),
         (PickConfig(detector="segmentation"), r"task\.detector: "),
     ]
@@ -161,6 +162,7 @@ def test_a_pick_in_c_mujoco_begins_as_in_the_batched_simulation(device):
     recorder = backend.Recorder()
     recorder(env, policies.open_policy("zero").make(env.reset(), device), 0).reset()
     for world, start in enumerate(recorder.starts):
+        assert start.thing is not None
         one = MujocoRobot(
             start.scene,
             Network(TINY.with_name("tiny_pick.onnx")).contract,
