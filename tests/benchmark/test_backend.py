@@ -4,6 +4,7 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -141,9 +142,10 @@ PICKS = {
 @pytest.mark.parametrize("case", PICKS)
 def test_how_picks_end(case):
     steps, outcome = PICKS[case]
-    handled = SimpleNamespace(grip=HELD, start=np.array([0.0, -0.7, 0.8]))
-    umpire = PickUmpire(None, handled, 0.06, PickConfig())
-    data = SimpleNamespace(qpos=np.zeros(20))
+    model: Any = None
+    handled: Any = SimpleNamespace(grip=HELD, start=np.array([0.0, -0.7, 0.8]))
+    umpire = PickUmpire(model, handled, 0.06, PickConfig())
+    data: Any = SimpleNamespace(qpos=np.zeros(20))
     for grip, height in steps:
         assert not umpire.is_over
         handled.grip, data.qpos[15] = grip, 0.8 + height
