@@ -27,11 +27,12 @@ from spin_rl.benchmark.metrics import (
     summarize_picks,
 )
 from spin_rl.benchmark.rounds import Report
+from spin_rl.benchmark.tables.backend import MUJOCO
 from spin_rl.benchmark.umpires import DriveUmpire, PickUmpire, Umpire
 from spin_rl.config import ConfigError
 from spin_rl.deploy.agent import Agent
-from spin_rl.deploy.backends.cameras import RAYS
 from spin_rl.deploy.backends.mujoco import TIMESTEP_S, MujocoRobot
+from spin_rl.deploy.backends.renderers import RAYS
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.loop import ARRIVED, TIME_OVER, ControlLoop
 from spin_rl.deploy.network import Network
@@ -45,9 +46,6 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 from spin_rl.tasks.pick.config import PickConfig
 
-MUJOCO = "mujoco"
-BACKENDS = (MUJOCO,)
-TASKS = ("nav", "pick")
 """Those whose episodes can be run again."""
 _RUNSTOP = "runstop"
 _NOT_FINITE = ("the robot's state is not finite", "the action is not finite")
@@ -139,8 +137,8 @@ def evaluate_again(
         evaluate: Runs the batched benchmark; takes `watch` and returns its result.
         cfg: Task configuration of both.
         path: The same policy as an exported file.
-        backend: One of `BACKENDS`.
-        renderer: What makes depth images, one of `cameras.RENDERERS`.
+        backend: One of `tables.backend.BACKENDS`.
+        renderer: What makes depth images, one of `renderers.RENDERERS`.
         processes: How many run episodes at the same time.
         report: Receives lines of progress.
 

@@ -10,16 +10,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from spin_rl.benchmark import backend, policies, settings
+from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.tables import backend as backend_report
 from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
-from spin_rl.deploy.backends.cameras import RENDERERS
+from spin_rl.deploy.backends.renderers import RENDERERS
 from spin_rl.files import write_json
 from spin_rl.ranges import Seed
-from spin_rl.runners.policy_file import read_policy
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -36,6 +35,9 @@ _TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "camera")
 _PLOTS = (".png", ".pdf", ".svg")
 
 Angle = Annotated[float, Range()]
+
+_AGAIN = ("nav", "pick")
+"""Tasks whose episodes another simulator can run again."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Options:
     num_envs: Annotated[int, Range(high=2**18)] | None
     device: str
     scene_file: Path | None
-    backend: Annotated[str, Choice(backend.BACKENDS)] | None
+    backend: Annotated[str, Choice(tuple(backend_report.BACKENDS))] | None
     renderer: Annotated[str, Choice(RENDERERS)]
     processes: Annotated[int, Range(1)]
     analysis: Annotated[str, Choice(ANALYSES)] | None
@@ -163,7 +165,9 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
 
 
 def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], task: Any) -> dict[str, Any]:
+    from spin_rl.benchmark import backend
     from spin_rl.export.write import export_policy
+    from spin_rl.runners.policy_file import read_policy
 
     with tempfile.TemporaryDirectory() as folder:
         exported = export_policy(read_policy(options.policy), Path(folder) / "policy.onnx")
@@ -288,11 +292,11 @@ def _check_backend(options: Options, spec: TaskSpec) -> None:
     if options.backend is None:
         for override in options.overrides:
             if override.startswith(("renderer=", "processes=")):
-                raise ConfigError(f"{override.partition('=')[0]}: needs backend={backend.MUJOCO}")
+                raise ConfigError(f"{override.partition('=')[0]}: needs backend={backend_report.MUJOCO}")
         return
     if options.analysis is not None:
         raise ConfigError(f"backend: analysis={options.analysis} looks at the batched simulation alone")
-    if spec.name not in backend.TASKS:
+    if spec.name not in _AGAIN:
         name = options.benchmark.name
         raise ConfigError(f"backend: benchmark={name} cannot be run in the deploy loop yet")
     if options.policy in policies.UNTRAINED:

@@ -7,14 +7,16 @@ from typing import Any
 from spin_rl.benchmark.tables.reach import align, figures, main_causes, title
 
 _CONDITIONS = ("scenario", "difficulty", "family", "scene", "object")
-_NAMES = {"mujoco": "C MuJoCo"}
+MUJOCO = "mujoco"
+BACKENDS = {MUJOCO: "C MuJoCo"}
+"""Other simulators, with their names in tables."""
 
 
 def table(result: dict[str, Any]) -> str:
     """Format a result of `backend.evaluate_again` for the terminal."""
     counts = sorted({row["episodes"] for row in result["rows"]})
     episodes = f"{' or '.join(map(str, counts))} episodes per row"
-    simulator = f"{_NAMES[result['backend']]} at {result['timestep_s']:g} s, images by {result['renderer']}"
+    simulator = f"{BACKENDS[result['backend']]} at {result['timestep_s']:g} s, images by {result['renderer']}"
     heading = f"{title(result['benchmark'].capitalize(), result, episodes)}; exported, {simulator}"
     header = [
         "",

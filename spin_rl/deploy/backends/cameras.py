@@ -11,11 +11,10 @@ import numpy as np
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
+from spin_rl.deploy.backends.renderers import RAYS, RENDERED
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import CameraInfo
 
-RAYS, RENDERED = "multiray", "egl"
-RENDERERS = (RAYS, RENDERED)
 _FAR_M = 10.0
 _NEAREST_M = 0.05
 """Nearest that the renderer draws."""

@@ -17,9 +17,10 @@ import numpy as np
 
 from spin_rl import robot
 from spin_rl.config import Choice, Range, from_mapping
-from spin_rl.deploy.backends.cameras import RAYS, RENDERERS, make_camera
+from spin_rl.deploy.backends.cameras import make_camera
 from spin_rl.deploy.backends.handled import IMPRATIO, HandledObject, standing_object
 from spin_rl.deploy.backends.motion import Movers
+from spin_rl.deploy.backends.renderers import RAYS, RENDERERS
 from spin_rl.deploy.backends.scandots import NativeScandots
 from spin_rl.deploy.contract import Contract, Profile
 from spin_rl.deploy.interface import Clock, Command, Connection, DepthFrame, RobotState
