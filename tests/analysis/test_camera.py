@@ -260,7 +260,7 @@ def test_cells_by_name():
             ["camera.tilts=[-2]"],
             "camera.tilts: is called camera_analysis.tilts now",
         ),
-        (["analysis=camera", "scene=room.yaml"], "scene: an analysis runs"),
+        (["analysis=camera", "scene=room.yaml"], "scene: analysis=camera runs"),
         (["analysis=camera", "num_envs=4"], "num_envs: all 300 episodes"),
     ],
 )

@@ -208,7 +208,7 @@ def test_place_has_the_time_of_its_part_and_both_rates(monkeypatch, cells):
     assert made_up(monkeypatch, cells)["rows"][0]["duration_s"] == pytest.approx(47.0)
     lines = benchmark.table(result).splitlines()
     hard = next(line for line in lines if line.startswith("1 ") and " hard " in line)
-    assert hard.split()[:12] == "1 hard 0.25 0.05-0.70 26.0 s 1/2 0.90 27.2 s 0.16 41.1".split()
+    assert hard.split()[:13] == "1 straight hard 0.25 0.05-0.70 26.0 s 1/2 0.90 27.2 s 0.16 41.1".split()
     assert lines[-1] == "success: of all fetches; time: retract + carry + place"
 
 

@@ -227,7 +227,7 @@ def test_graph_replay_equals_eager(device):
     ("change", "message"),
     [
         ({"emerging_share": 0.7, "patrolling_share": 0.4}, "scene.emerging_share, patrolling_share"),
-        ({"patrolling_share": -0.1}, "scene.emerging_share, patrolling_share"),
+        ({"patrolling_share": -0.1}, "scene.patrolling_share must not be negative"),
         ({"motion_speed": (0.0, 1.0)}, "scene.motion_speed"),
         ({"emerging_share": 0.1, "emerging_trigger": (1.0, 1.5)}, "scene.emerging_trigger must be at least"),
         ({"emerging_share": 0.1, "motion_speed": (0.3, 1.0)}, "scene.emerging_trigger must be at least"),
