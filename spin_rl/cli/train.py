@@ -127,8 +127,9 @@ def read_options(values: Mapping[str, Any], overrides: Sequence[str]) -> tuple[O
         if name is not None:
             run_folder.check_source(key, name)
 
-    from spin_rl.runners.config import check_config
+    from spin_rl.runners.config import check_config, import_own_classes
 
+    import_own_classes(values["runner"])
     check_config(values["runner"], groups, options.num_envs)
     return options, _open_sources(options, values)
 

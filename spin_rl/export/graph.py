@@ -89,7 +89,20 @@ def make_graph(actor: ScandotRecurrentModel, dims: dict[str, int]) -> Any:
             verbose=False,
         )
     assert program is not None
-    return program.model_proto
+    return _without_traces(program.model_proto)
+
+
+def _without_traces(model: Any) -> Any:
+    """Remove what the exporter notes of every node: where in which file on this machine it came from."""
+    graphs = [model.graph, *model.functions]
+    for graph in graphs:
+        graph.ClearField("metadata_props")
+        for value in getattr(graph, "value_info", ()):
+            value.ClearField("metadata_props")
+        for node in graph.node:
+            node.ClearField("metadata_props")
+            graphs.extend(attribute.g for attribute in node.attribute if attribute.HasField("g"))
+    return model
 
 
 @contextlib.contextmanager

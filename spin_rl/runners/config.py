@@ -5,8 +5,10 @@ What a setting of a model or an algorithm may be is said once: by the types of i
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import re
+import sys
 import typing
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any
@@ -37,6 +39,8 @@ MODEL_ARGUMENTS = ("obs", "obs_groups", "obs_set", "output_dim")
 
 _CLASS_NAME = re.compile(r"(spin_rl|rsl_rl)(\.\w+)*[:.]\w+|\w+")
 """Of our packages, or a name that rsl_rl looks up in its own: nothing else is imported for a file's sake."""
+_OWN_CLASS = re.compile(r"(\w+(?:\.\w+)*):\w+")
+"""Of a user's module, which has to be imported already."""
 _OF_RSL_RL = {
     "init_std": Deviation,
     "std_range": DeviationRange,
@@ -185,12 +189,34 @@ def check_teacher_name(value: Any) -> None:
         raise ValueError(f"teacher: expected the name or path of a policy, got {short(value)}.")
 
 
+def import_own_classes(cfg: Any, where: str = "runner") -> None:
+    """Import the modules that a user's own configuration names classes of; never call it with a file's.
+
+    Args:
+        cfg: Configuration of a runner, or a part of it.
+        where: Its name, for the message.
+
+    Raises:
+        ValueError: There is no such module; one line that names the key.
+    """
+    for key, value in cfg.items() if isinstance(cfg, Mapping) else ():
+        own = _OWN_CLASS.fullmatch(value) if key == "class_name" and isinstance(value, str) else None
+        if own is not None:
+            try:
+                importlib.import_module(own[1])
+            except ImportError as error:
+                raise ValueError(f"{where}.{key}: {value}: {error}.") from error
+        import_own_classes(value, f"{where}.{key}")
+
+
 def _named_class(name: Any, where: str) -> Any:
     """Find what a configuration names, without importing other packages than ours and rsl_rl."""
     if inspect.isclass(name):
         return name
+    own = _OWN_CLASS.fullmatch(name) if isinstance(name, str) else None
     fits = isinstance(name, str) and _CLASS_NAME.fullmatch(name) is not None
-    _require(fits, where, "a class of spin_rl or rsl_rl", name)
+    fits = fits or (own is not None and own[1] in sys.modules)
+    _require(fits, where, "a class of spin_rl or rsl_rl, or of a module that is imported", name)
     try:
         return resolve_callable(name)
     except (AttributeError, ImportError, ValueError) as error:

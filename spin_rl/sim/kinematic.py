@@ -1,4 +1,4 @@
-# pyright: reportInvalidTypeForm=false
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportAssignmentType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """A step without forces: the servos do what they are told, and what touches is reported, not pushed back."""
 

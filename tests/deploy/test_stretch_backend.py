@@ -1,5 +1,6 @@
 """The back end for stretch_body and a RealSense, on a fake of both."""
 
+import re
 import signal
 import sys
 
@@ -95,7 +96,7 @@ def test_the_loop_drives_it_and_leaves_it_standing(fakes, scripted):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize(("fault", "reason"), [("runstop", "runstop"), ("silence", "state is 0.5")])
+@pytest.mark.parametrize(("fault", "reason"), [("runstop", "runstop"), ("silence", r"state is 0\.[5-9]")])
 def test_a_runstop_and_dead_threads_end_the_run(fakes, scripted, fault, reason):
     agent = scripted((1.0, *[0.0] * 9))
     opened, connection, body = connect(agent.contract)
@@ -109,7 +110,9 @@ def test_a_runstop_and_dead_threads_end_the_run(fakes, scripted, fault, reason):
 
     opened.command = breaking
     outcome = ControlLoop(opened, connection, agent).run(3.0, FAR)
-    assert reason in outcome.reason and outcome.stopped
+    assert (
+        re.search(reason, outcome.reason) and outcome.stopped
+    )  # noticed at the first tick that finds it old
     assert [call[1] for call in body.calls if call[0] == "base"][-1] == 0.0
 
 

@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,6 +40,12 @@ def test_every_shipped_policy_acts_the_same_once_exported(name, tmp_path):
     assert (contract.goal is not None) == name.startswith("nav")
     if name == "nav-room":
         assert contract.goal.range_m == 5.0
+
+
+def test_a_file_tells_nothing_of_the_machine_that_wrote_it(tmp_path):
+    written = export_tiny("tiny_nav", tmp_path, tmp_path / "tiny_nav.onnx").path.read_bytes()
+    for path in (Path(torch.__file__).parents[1], POLICY_DIR.parent, tmp_path):
+        assert str(path).encode() not in written
 
 
 @pytest.mark.parametrize("name", LIKE)

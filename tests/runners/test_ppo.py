@@ -3,6 +3,7 @@
 import copy
 import os
 import signal
+import sys
 import time
 
 import pytest
@@ -12,6 +13,7 @@ from fake_env import FakeEnv, make_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from spin_rl.runners import PPORunner, load_checkpoint
+from spin_rl.runners.config import import_own_classes
 
 
 def parameters(runner):
@@ -187,6 +189,23 @@ def test_errors_of_configuration_are_named_at_start(section, key, value, message
     with pytest.raises(ValueError, match=message) as error:
         PPORunner(FakeEnv(), cfg)
     assert "\n" not in str(error.value)
+
+
+def test_a_model_of_ones_own_is_imported_when_it_is_asked_for(monkeypatch, tmp_path):
+    (tmp_path / "own_models.py").write_text(
+        "from spin_rl.models import ScandotRecurrentModel\nclass OwnActor(ScandotRecurrentModel): pass\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    cfg = make_config()
+    cfg["actor"]["class_name"] = "own_models:OwnActor"
+    with pytest.raises(ValueError, match=r"actor\.class_name must be .* a module that is imported"):
+        PPORunner(FakeEnv(), cfg)
+    import_own_classes(cfg)
+    assert type(PPORunner(FakeEnv(), cfg).alg.actor).__name__ == "OwnActor"
+    cfg["actor"]["class_name"] = "no_models:OwnActor"
+    with pytest.raises(ValueError, match=r"runner\.actor\.class_name: no_models:OwnActor: No module"):
+        import_own_classes(cfg)
+    sys.modules.pop("own_models")
 
 
 @pytest.mark.parametrize(("iterations", "minutes"), [(0, None), (5, 0.0), (5, float("nan"))])

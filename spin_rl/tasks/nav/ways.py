@@ -1,4 +1,5 @@
-# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportInvalidTypeForm=false
+# pyright: reportArgumentType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """How far it is to the goal, and how long an episode may take: by the corridor's shape or by a field."""
 
