@@ -59,6 +59,15 @@ def test_a_restart_forgets_what_runs_and_keeps_what_has_ended(statistics):
     assert stats["mean_length_s"] == pytest.approx(PERIOD * (1 + 1 + 2) / 3)
 
 
+def test_a_restart_of_some_worlds_leaves_the_others(statistics):
+    add(statistics, [RUNNING, RUNNING], [10.0, 20.0])
+    statistics.restart(torch.tensor([True, False]))
+    add(statistics, [SUCCESS, SUCCESS], [1.0, 2.0])
+    stats = statistics.read()
+    assert stats["mean_return"] == pytest.approx((1.0 + 22.0) / 2)
+    assert stats["mean_length_s"] == pytest.approx(PERIOD * (1 + 2) / 2)
+
+
 def test_no_episodes_have_no_rates(statistics):
     add(statistics, [RUNNING, RUNNING], [1.0, 3.0])
     stats = statistics.read()
