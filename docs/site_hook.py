@@ -1,12 +1,14 @@
 """MkDocs hook: takes in pages from outside of docs/, so that links hold on GitHub and in the site alike.
 
-A link is rewritten by the file that it means. Links to what has no page here, such as source files, become text.
+A link is rewritten by the file that it means. Links to what has no page here, such as source files, become
+text.
 """
 
 from __future__ import annotations
 
 import posixpath
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -48,7 +50,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return _outside_code(markdown, lambda text: LINK.sub(rewritten, text))
 
 
-def _outside_code(markdown: str, change) -> str:
+def _outside_code(markdown: str, change: Callable[[str], str]) -> str:
     parts, end = [], 0
     for code in CODE.finditer(markdown):
         parts += [change(markdown[end : code.start()]), code[0]]
