@@ -95,6 +95,12 @@ def test_lists_and_tables_stand_apart_as_the_site_wants_them(page):
         before = line
 
 
+def test_every_experiment_has_a_table_and_an_answer():
+    entries = re.split(r"^### ", (ROOT / "docs/experiments.md").read_text(), flags=re.MULTILINE)[1:]
+    for entry in entries:
+        assert "\n|---" in entry and entry.count("**Answer.**") == 1, entry.splitlines()[0]
+
+
 def test_every_page_is_in_the_sites_navigation():
     # Tags name Python functions that are there when the site is built.
     yaml.SafeLoader.add_multi_constructor("tag:yaml.org,2002:python/", lambda *_: None)
