@@ -1,4 +1,4 @@
-"""Turn a video into a picture for the documentation: python docs/figures/animation.py IN.mp4 OUT.webp.
+"""Turn a video into a picture for the documentation: python docs/figures/animation.py IN.mp4 OUT.webp [WIDTH].
 
 WebP holds all colours at a fraction of a GIF's size, and GitHub and browsers play it.
 """
@@ -19,8 +19,9 @@ STEP_MS = 100  # a video has a picture for every control step
 def main() -> None:
     """Write the picture that the second argument names."""
     pictures = [Image.fromarray(frame) for frame in imageio.mimread(Path(sys.argv[1]), memtest=False)]
-    height = round(pictures[0].height * WIDTH / pictures[0].width)
-    frames = [picture.resize((WIDTH, height), Image.Resampling.LANCZOS) for picture in pictures]
+    width = int(sys.argv[3]) if len(sys.argv) > 3 else WIDTH
+    height = round(pictures[0].height * width / pictures[0].width)
+    frames = [picture.resize((width, height), Image.Resampling.LANCZOS) for picture in pictures]
     frames[0].save(
         sys.argv[2],
         save_all=True,
