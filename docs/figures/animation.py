@@ -1,6 +1,6 @@
-"""Turn a video into a picture for the documentation: python docs/figures/animation.py IN.mp4 OUT.webp [WIDTH].
+"""Turn a video into a picture for the documentation: docs/figures/animation.py IN.mp4 OUT.webp [WIDTH].
 
-WebP holds all colours at a fraction of a GIF's size, and GitHub and browsers play it.
+WebP holds all colours at about the size of a GIF, and GitHub and browsers play it.
 """
 
 from __future__ import annotations
