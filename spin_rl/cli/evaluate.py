@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
+from spin_rl.analysis.sight.options import MAP, SightOptions
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.tables import backend as backend_report
@@ -22,11 +23,12 @@ from spin_rl.ranges import Seed
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
-ANALYSES = ("camera", "failures")
-_ANALYSED = {"camera": ("reach",), "failures": ("reach", "rooms", "scenes")}
+ANALYSES = ("camera", "failures", "sight")
+_ANALYSED = {"camera": ("reach",), "failures": ("reach", "rooms", "scenes"), "sight": ("reach", "rooms")}
 """The benchmarks that each analysis looks into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
-"""The analysis of the camera runs the benchmark a dozen times."""
+"""The analysis of the camera runs the benchmark a dozen times, that of sight keeps every step of every episode."""
+_COUNTED = ("camera", "sight")
 _TRIPS = "scenes"
 """The benchmark that draws starts and goals in scene files."""
 _TRIP_COUNTS = {"starts": 50, "seeds": [0]}
@@ -76,6 +78,7 @@ class Options:
         plot: Drawing to write, or None.
         out: JSON to write, or None.
         camera_analysis: Of `analysis=camera`.
+        sight: Of `analysis=sight`.
         overrides: Those of the command line.
     """
 
@@ -95,6 +98,7 @@ class Options:
     plot: Path | None
     out: Path | None
     camera_analysis: CameraOptions
+    sight: SightOptions
     overrides: tuple[str, ...]
 
 
@@ -113,12 +117,13 @@ def evaluate(call: common.Call) -> bool:
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
     spec.check(call.values)
-    source = policies.open_for(spec, {"policy": options.policy, "pick": options.pick}, call.opened)
+    named = "zero" if options.policy == MAP else options.policy
+    source = policies.open_for(spec, {"policy": named, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
     mistake = settings.unused_depth(task, options.overrides)
     if mistake is not None:
         raise ConfigError(mistake)
-    runs = {None: _measure, "camera": _analyse_camera, "failures": _analyse_failures}
+    runs = {None: _measure, "camera": _analyse_camera, "failures": _analyse_failures, "sight": _analyse_sight}
     writer, result = runs[options.analysis](options, source, task)
     label = settings.scene_label(options.overrides, benchmark.scene)
     if label is not None and options.scene_file is None:
@@ -221,6 +226,28 @@ def _analyse_failures(options: Options, source: policies.PolicySource, task: Any
     return report, result
 
 
+def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -> Measured:
+    from spin_rl.analysis.sight import analysis, report
+
+    if policies.reads_images(source):
+        raise ConfigError(f"policy: {options.policy} reads images; analysis=sight needs one that can be told")
+    result = analysis.analyse_sight(
+        options.benchmark,
+        source.make,
+        task,
+        options.sight,
+        options.episodes,
+        options.seeds,
+        options.device,
+        policy_name=options.policy,
+        num_envs=options.num_envs,
+        announce=common.announced,
+    )
+    if options.out is not None:
+        report.write_csv(result, options.out.with_suffix(".csv"))
+    return report, result
+
+
 def read_options(call: common.Call) -> Options:
     """Reject what needs no simulator to reject, and make the folder of `out`.
 
@@ -233,7 +260,7 @@ def read_options(call: common.Call) -> Options:
         raise ConfigError(f"starts: benchmark={_TRIPS} draws them, which measures task=nav")
     benchmark = benchmarks.find(asked, values["task"].get("name"), families="shares" in values["scene"])
     counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
-    if values["analysis"] == "camera":
+    if values["analysis"] in _COUNTED:
         counts = _ANALYSIS_COUNTS
     given = {override.partition("=")[0] for override in call.overrides}
     values = values | {key: value for key, value in counts.items() if key not in given}
@@ -269,6 +296,8 @@ def _check(options: Options, spec: TaskSpec) -> None:
         takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
         raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
     _check_backend(options, spec)
+    if options.policy == MAP and options.analysis != "sight":
+        raise ConfigError(f"policy: {MAP} drives for analysis=sight alone")
     if options.analysis is None:
         if options.plot is not None:
             raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
@@ -278,8 +307,8 @@ def _check(options: Options, spec: TaskSpec) -> None:
         raise ConfigError(
             f"analysis: {options.analysis} needs {_those(lambda known: known.name in analysed)}"
         )
-    if options.scene_file is not None and options.analysis == "camera":
-        raise ConfigError("scene: analysis=camera runs in the benchmark's corridors, not in a scene file")
+    if options.scene_file is not None and options.analysis in _COUNTED:
+        raise ConfigError(f"scene: analysis={options.analysis} runs in generated places, not in a scene file")
     if options.plot is not None:
         if options.plot.suffix not in _PLOTS:
             raise ConfigError(f"plot: expected a .png, .pdf or .svg file, got {str(options.plot)!r}")

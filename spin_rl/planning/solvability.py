@@ -20,7 +20,7 @@ from omegaconf import OmegaConf
 from spin_rl.config import from_mapping
 from spin_rl.paths import CONF_DIR
 from spin_rl.planning.distance_field import DistanceField
-from spin_rl.planning.lattice import find_path
+from spin_rl.planning.lattice import find_path, reachable
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS
@@ -95,7 +95,9 @@ def scene_params(name: str) -> GeneratorParams:
 
 
 def is_solvable(scene: Scene) -> bool:
-    """Whether the planner finds a way from start to goal."""
+    """Whether the planner finds a way from start to goal, and to the place before it, if there is one."""
+    if scene.has_via:
+        return bool(reachable(scene, np.stack([scene.via, scene.goal])).all())
     return find_path(scene) is not None
 
 

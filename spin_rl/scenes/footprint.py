@@ -144,26 +144,40 @@ def disc_touches(
 
 
 @wp.func
+def pose_touches_slot(
+    world: int, slot: int, pose: wp.vec3, joints: vec8, discs: int, margin: float, slots: Slots
+) -> bool:
+    """Whether one of the model's first `discs` discs comes nearer than a margin [m] to a slot.
+
+    The pose is that of the base: x, y [m], yaw [rad].
+    """
+    centre = slots.pos[world, slot]
+    half = slots.half_size[world, slot]
+    reach = _REACH + margin + wp.length(wp.vec2(half[0], half[1]))
+    if wp.length_sq(wp.vec2(pose[0] - centre[0], pose[1] - centre[1])) >= reach * reach:
+        return False
+    c = wp.cos(pose[2])
+    s = wp.sin(pose[2])
+    for i in range(discs):
+        disc = robot_disc(i, joints)
+        x = pose[0] + c * disc.centre[0] - s * disc.centre[1]
+        y = pose[1] + s * disc.centre[0] + c * disc.centre[1]
+        yaw = slots.yaw[world, slot]
+        if disc_touches(disc, x, y, margin, centre, yaw, half, slots.is_cylinder[slot]):
+            return True
+    return False
+
+
+@wp.func
 def pose_touches(world: int, pose: wp.vec3, joints: vec8, discs: int, margin: float, slots: Slots) -> bool:
     """Whether one of the model's first `discs` discs comes nearer than a margin [m] to an active slot.
 
     The pose is that of the base: x, y [m], yaw [rad].
     """
-    c = wp.cos(pose[2])
-    s = wp.sin(pose[2])
     for slot in range(slots.pos.shape[1]):
         if slots.active[world, slot]:
-            centre = slots.pos[world, slot]
-            half = slots.half_size[world, slot]
-            reach = _REACH + margin + wp.length(wp.vec2(half[0], half[1]))
-            if wp.length_sq(wp.vec2(pose[0] - centre[0], pose[1] - centre[1])) < reach * reach:
-                for i in range(discs):
-                    disc = robot_disc(i, joints)
-                    x = pose[0] + c * disc.centre[0] - s * disc.centre[1]
-                    y = pose[1] + s * disc.centre[0] + c * disc.centre[1]
-                    yaw = slots.yaw[world, slot]
-                    if disc_touches(disc, x, y, margin, centre, yaw, half, slots.is_cylinder[slot]):
-                        return True
+            if pose_touches_slot(world, slot, pose, joints, discs, margin, slots):
+                return True
     return False
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from spin_rl.config import ConfigError
 from spin_rl.scenes.layout import Scene
 
-FAMILIES = ("corridor", "room", "doorway", "field", "crossing", "open")
+FAMILIES = ("corridor", "room", "doorway", "field", "crossing", "open", "shuttle")
 """Kinds of places, in the order of `Layout.family`."""
 
 SCENARIO_NAMES = {1: "straight", 2: "L"}

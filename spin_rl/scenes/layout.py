@@ -7,7 +7,7 @@ the floor at z = 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import warp as wp
@@ -94,6 +94,8 @@ class Scene:
         num_obstacles: Obstacles between start and goal; distractors do not count.
         family: Kind of place, an index of `kinds.FAMILIES`.
         way_m: Length of the shortest way from start to goal [m]; 0 where nobody measured it.
+        has_via: Whether there is a place to drive to first; then the ways to both are straight.
+        via: That place [m], shape (2,).
     """
 
     pool: PoolSpec
@@ -115,6 +117,8 @@ class Scene:
     num_obstacles: int = 0
     family: int = 0
     way_m: float = 0.0
+    has_via: bool = False
+    via: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     @property
     def is_wall(self) -> np.ndarray:
@@ -172,6 +176,8 @@ class Layout:
         num_obstacles: Obstacles between start and goal; distractors do not count, shape (nworld,), int32.
         family: Kind of place, an index of `kinds.FAMILIES`, shape (nworld,), int32.
         way_m: Length of the shortest way from start to goal [m], 0 where nobody measured it, shape (nworld,).
+        has_via: Whether there is a place to drive to first, shape (nworld,), bool; then the ways to both are straight.
+        via: That place [m], shape (nworld,), vec2.
         home, retreat, motion_speed, motion_trigger, motion_phase: How slots move, see `Scene`, shape (nworld,
             nslot), vec3, vec2 and float; `motion.py` draws them and moves the slots.
         moved: Way that moving slots went since the start [m], shape (nworld, nslot).
@@ -201,6 +207,8 @@ class Layout:
         "num_obstacles",
         "family",
         "way_m",
+        "has_via",
+        "via",
     )
 
     def __init__(self, nworld: int, pool: PoolSpec, device: str, nearby: int | None = None) -> None:
@@ -233,6 +241,8 @@ class Layout:
             self.num_obstacles = wp.zeros(nworld, dtype=wp.int32)
             self.family = wp.zeros(nworld, dtype=wp.int32)
             self.way_m = wp.zeros(nworld, dtype=float)
+            self.has_via = wp.zeros(nworld, dtype=bool)
+            self.via = wp.zeros(nworld, dtype=wp.vec2)
             self.home = wp.zeros(shape, dtype=wp.vec3)
             self.retreat = wp.zeros(shape, dtype=wp.vec2)
             self.motion_speed = wp.zeros(shape, dtype=float)

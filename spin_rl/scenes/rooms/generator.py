@@ -20,7 +20,8 @@ from spin_rl.scenes.rooms.field import build_field
 from spin_rl.scenes.rooms.geometry import HALF_OPEN, Site, is_calm, spot_clearance, with_rectangle
 from spin_rl.scenes.rooms.params import FamilyParams
 from spin_rl.scenes.rooms.room import build_doorway, build_room
-from spin_rl.scenes.rooms.start import place_starts
+from spin_rl.scenes.rooms.shuttle import build_shuttle, shuttle_ends, shuttle_start
+from spin_rl.scenes.rooms.start import draw_joints, place_starts
 from spin_rl.scenes.rooms.struct import FamilyStruct, family_struct
 from spin_rl.warp_kernels.distance_field.field import Field
 from spin_rl.warp_kernels.slots import Slots, slots_of
@@ -30,6 +31,8 @@ _ROOM = wp.constant(FAMILIES.index("room"))
 _DOORWAY = wp.constant(FAMILIES.index("doorway"))
 _FIELD = wp.constant(FAMILIES.index("field"))
 _CROSSING = wp.constant(FAMILIES.index("crossing"))
+_SHUTTLE = wp.constant(FAMILIES.index("shuttle"))
+_LAST = wp.constant(len(FAMILIES) - 1)
 
 _GOAL_TRIES = wp.constant(48)
 
@@ -101,6 +104,11 @@ class FamilyGenerator:
                 layout.scenario,
                 layout.difficulty,
                 layout.num_obstacles,
+                layout.start,
+                layout.start_joints,
+                layout.has_via,
+                layout.via,
+                layout.way_m,
                 self._is_paper,
                 self._paper_counter,
             ],
@@ -173,6 +181,11 @@ def _build(
     scenario_out: wp.array(dtype=wp.int32),
     difficulty_out: wp.array(dtype=wp.int32),
     num_obstacles_out: wp.array(dtype=wp.int32),
+    start_out: wp.array(dtype=wp.vec3),
+    start_joints_out: wp.array2d(dtype=float),
+    has_via_out: wp.array(dtype=bool),
+    via_out: wp.array(dtype=wp.vec2),
+    way_out: wp.array(dtype=float),
     is_paper_out: wp.array(dtype=bool),
     paper_counter_out: wp.array(dtype=wp.int32),
 ) -> None:
@@ -196,12 +209,13 @@ def _build(
     u = wp.randf(wp.rand_init(stream, 0))
     family = int(0)
     # A share of 0 is never drawn, not even the last one.
-    while family < 5 and u >= q.shares[family]:
+    while family < _LAST and u >= q.shares[family]:
         family += 1
     if family_choice.shape[0] > 0 and family_choice[world] >= 0:
         family = family_choice[world]
     inner = int(wp.rand_init(stream, 1))
     family_out[world] = family
+    has_via_out[world] = family == _SHUTTLE
     if family == _CORRIDOR and wp.randf(wp.rand_init(stream, 3)) < q.corridor_paper_share:
         is_paper_out[world] = True
         return
@@ -215,9 +229,24 @@ def _build(
         site = build_field(world, p, q, inner, site, slots, track)
     elif family == _CROSSING:
         site = build_crossing(world, p, q, inner, site, slots, track)
+    elif family == _SHUTTLE:
+        site = build_shuttle(world, p, q, inner, site, slots, track)
     if site.num_rectangles == 0:
         site = with_rectangle(site, -HALF_OPEN, -HALF_OPEN, HALF_OPEN, HALF_OPEN)
-    goal_out[world] = _draw_goal(world, p.goal_clearance, int(wp.rand_init(stream, 2)), site, slots, track)
+    if family == _SHUTTLE:
+        # It comes with its start.
+        ends = shuttle_ends(q, inner)
+        via_out[world] = wp.vec2(ends[0], 0.0)
+        goal_out[world] = wp.vec2(ends[1], 0.0)
+        way_out[world] = 2.0 * ends[0] - ends[1]
+        start_out[world] = shuttle_start(inner)
+        joints = draw_joints(p, int(wp.rand_init(stream, 4)), 0)
+        for j in range(8):
+            start_joints_out[world, j] = wp.where(j == 0 or j >= 6, joints[j], p.stowed[j])
+    else:
+        goal_out[world] = _draw_goal(
+            world, p.goal_clearance, int(wp.rand_init(stream, 2)), site, slots, track
+        )
     bend_out[world] = 0
     scenario_out[world] = 0
     difficulty_out[world] = 0

@@ -29,6 +29,7 @@ class Shares:
     field: float = 0.15
     crossing: float = 0.1
     open: float = 0.1
+    shuttle: float = 0.0
 
     def __post_init__(self) -> None:
         """Reject shares that leave nothing to draw."""
@@ -163,6 +164,31 @@ class WalkerParams:
 
 
 @dataclass(frozen=True)
+class ShuttleParams:
+    """Corridors too narrow to turn in, with a goal ahead and then one behind; things come out of the walls.
+
+    Attributes:
+        width: Of the corridor; the base, which turns about its wheels, needs 0.56 m to turn round.
+        passage: Width that low things leave.
+        ahead: From the start to the first goal.
+        back: From the start back to the second goal.
+        floating_share: Share of things that float; the others are as low obstacles in corridors.
+        floating: Between these heights.
+        trigger: Distance of the base at which a thing comes out.
+        speed: At which it does [m/s].
+    """
+
+    width: tuple[float, float] = (0.53, 0.56)
+    passage: float = 0.44
+    ahead: tuple[float, float] = (1.2, 1.5)
+    back: tuple[float, float] = (2.2, 2.9)
+    floating_share: float = 0.5
+    floating: tuple[float, float] = (0.75, 1.35)
+    trigger: tuple[float, float] = (0.75, 1.0)
+    speed: tuple[float, float] = (0.8, 1.2)
+
+
+@dataclass(frozen=True)
 class FamilyParams(GeneratorParams):
     """Distribution of scenes from all families. Pairs are (low, high) of a uniform draw; lengths in metres.
 
@@ -183,6 +209,7 @@ class FamilyParams(GeneratorParams):
         field: Boxes and posts on open floor.
         crossing: Halls with things that move.
         walker: Who walks in rooms and fields.
+        shuttle: Corridors to drive through ahead and back.
     """
 
     width: float = 0.9
@@ -203,6 +230,7 @@ class FamilyParams(GeneratorParams):
     field: FieldParams = dataclasses.field(default_factory=FieldParams)
     crossing: CrossingParams = dataclasses.field(default_factory=CrossingParams)
     walker: WalkerParams = dataclasses.field(default_factory=WalkerParams)
+    shuttle: ShuttleParams = dataclasses.field(default_factory=ShuttleParams)
 
     def __post_init__(self) -> None:
         """Reject values that cannot make a scene within the square."""
@@ -237,6 +265,12 @@ class FamilyParams(GeneratorParams):
             and 2.0 * crossing.half_size[1] + self.gap <= crossing.lane[0],
             f"scene.crossing.half_size must fit through opening and into lane, got {crossing.half_size}",
         )
+        shuttle = self.shuttle
+        _require(
+            0.42 <= shuttle.passage <= shuttle.width[0] - 0.05,
+            "scene.shuttle.passage must be at least 0.42 and leave 0.05 m of width for things, got "
+            f"{shuttle.passage}",
+        )
         _require(
             self.pool.num_walls >= 14 and self.pool.num_boxes >= 16 and self.pool.num_cylinders >= 3,
             "scene.pool needs at least 14 walls, 16 boxes and 3 cylinders, got "
@@ -248,7 +282,7 @@ class FamilyParams(GeneratorParams):
         """Whether anything can move."""
         walked = self.shares.room + self.shares.doorway + self.shares.field
         crossed = self.shares.crossing * self.crossing.mover_share
-        return crossed > 0.0 or walked * self.walker.share > 0.0
+        return crossed > 0.0 or walked * self.walker.share > 0.0 or self.shares.shuttle > 0.0
 
     @property
     def paper(self) -> GeneratorParams:
@@ -258,7 +292,7 @@ class FamilyParams(GeneratorParams):
         return GeneratorParams(**given | {name: getattr(GeneratorParams, name) for name in own})
 
 
-GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing", "walker")
+GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing", "walker", "shuttle")
 """Nested parameters that are one for all worlds' draws of a family or of furniture."""
 
 _MEANINGLESS = (
@@ -285,6 +319,12 @@ _LIMITS = {
     "crossing.half_size": (0.05, 0.5),
     "crossing.trigger": (0.5, 5.0),
     "crossing.speed": (0.05, 1.5),
+    "shuttle.width": (0.5, 1.0),
+    "shuttle.ahead": (0.8, 3.0),
+    "shuttle.back": (1.2, 5.0),
+    "shuttle.floating": (0.3, 1.4),
+    "shuttle.trigger": (0.5, 2.0),
+    "shuttle.speed": (0.05, 3.0),
     "walker.half_size": (0.05, 0.5),
     "walker.way": (0.3, 6.0),
     "walker.speed": (0.05, 1.5),

@@ -67,6 +67,7 @@ def place_starts(
             counter,
             mask,
             has_start,
+            layout.has_via,
             layout.family,
             layout.goal,
             slots_of(layout),
@@ -117,7 +118,7 @@ def _wall_between(world: int, a: wp.vec2, b: wp.vec2, first_box: int, slots: Slo
 
 
 @wp.func
-def _draw_joints(p: ParamsStruct, seed: int, index: int) -> vec8:
+def draw_joints(p: ParamsStruct, seed: int, index: int) -> vec8:
     """Random joints within the start ranges, in `robot.JOINTS` order."""
     state = wp.rand_init(seed, index)
     joints = vec8()
@@ -150,6 +151,7 @@ def _place(
     counter: wp.array(dtype=wp.int32),
     mask: wp.array(dtype=bool),
     has_start: wp.array(dtype=bool),
+    has_via: wp.array(dtype=bool),
     family: wp.array(dtype=wp.int32),
     goal: wp.array(dtype=wp.vec2),
     slots: Slots,
@@ -160,7 +162,7 @@ def _place(
     way_out: wp.array(dtype=float),
 ) -> None:
     world = wp.tid()
-    if not mask[world]:
+    if not mask[world] or has_via[world]:  # it comes with start and way
         return
     if has_start[world]:
         way_out[world] = field_at(field, world, start_out[world][0], start_out[world][1])
@@ -172,7 +174,7 @@ def _place(
     if family[world] == _CROSSING:
         hall = half_width_of_hall(world, slots)
         bounds = wp.vec4(bounds[0], -hall, bounds[2], hall)
-    joints = _draw_joints(p, joints_seed, 0)
+    joints = draw_joints(p, joints_seed, 0)
     start = wp.vec3(0.0, 0.0, 0.0)
     # Asked for at first: half of the worlds get ways from a length on, half up to one.
     wanted = wp.vec2(way[0], wp.lerp(way[0] + 0.5, way[1], wp.randf(state)))
@@ -195,7 +197,7 @@ def _place(
                     fits = fits and _wall_between(world, wp.vec2(x, y), goal[world], first_box, slots)
             fits = fits and spot_clearance(world, x, y, _TURNING, slots) >= _TURNING
             if fits and is_calm(world, x, y, slots, track):
-                joints = _draw_joints(p, joints_seed, attempt)
+                joints = draw_joints(p, joints_seed, attempt)
                 start = wp.vec3(x, y, yaw)
                 found = pose_is_clear(world, start, joints, p.start_clearance, slots)
                 if not found:

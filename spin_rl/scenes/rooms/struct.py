@@ -10,14 +10,14 @@ import warp as wp
 from spin_rl.scenes.kinds import FAMILIES
 from spin_rl.scenes.rooms.params import GROUPS, FamilyParams
 
-vec6 = wp.types.vector(length=6, dtype=float)
+vec_shares = wp.types.vector(length=len(FAMILIES), dtype=float)
 
 
 @wp.struct
 class FamilyStruct:
     """What `FamilyParams` adds to `GeneratorParams`, as the kernels read it; `shares` are cumulative."""
 
-    shares: vec6
+    shares: vec_shares
     way: wp.vec2
     gap: float
     close_share: float
@@ -51,6 +51,14 @@ class FamilyStruct:
     walker_half_size: wp.vec2
     walker_way: wp.vec2
     walker_speed: wp.vec2
+    shuttle_width: wp.vec2
+    shuttle_passage: float
+    shuttle_ahead: wp.vec2
+    shuttle_back: wp.vec2
+    shuttle_floating_share: float
+    shuttle_floating: wp.vec2
+    shuttle_trigger: wp.vec2
+    shuttle_speed: wp.vec2
 
 
 @lru_cache(maxsize=8)
@@ -58,7 +66,7 @@ def family_struct(params: FamilyParams) -> FamilyStruct:
     """The kernels' copy of the parameters."""
     struct = FamilyStruct()
     shares = [getattr(params.shares, name) for name in FAMILIES]
-    struct.shares = vec6(*(sum(shares[: i + 1]) / sum(shares) for i in range(len(shares))))
+    struct.shares = vec_shares(*(sum(shares[: i + 1]) / sum(shares) for i in range(len(shares))))
     struct.way = wp.vec2(*params.way)
     struct.gap = params.gap
     struct.close_share = params.close_share

@@ -18,19 +18,24 @@ def _take_goals(
     # In
     mask: wp.array(dtype=bool),
     layout_goal: wp.array(dtype=wp.vec2),
+    has_via: wp.array(dtype=bool),
+    via: wp.array(dtype=wp.vec2),
     # Out
     goal_out: wp.array(dtype=wp.vec2),
 ) -> None:
     w = wp.tid()
     if mask[w]:
         goal_out[w] = layout_goal[w]
+        if has_via[w]:
+            goal_out[w] = via[w]
 
 
 class CorridorEnv(TaskEnv):
     """A task in corridors; generators of scenes read `_scenario_choice` and `_difficulty_choice`.
 
     Attributes:
-        goal: Where the base should go [m], the layout's at first, a view, shape (num_envs, 2).
+        goal: Where the base should go [m], at first the layout's, or its place before that, a view, shape
+            (num_envs, 2).
         scandots: The scandot sensor.
     """
 
@@ -60,7 +65,13 @@ class CorridorEnv(TaskEnv):
     def _begin_episodes(self, mask: wp.array) -> None:
         """Also take over the goals of the masked worlds' new layouts."""
         super()._begin_episodes(mask)
-        wp.launch(_take_goals, dim=self.num_envs, inputs=[mask, self.sim.layout.goal], outputs=[self._goal])
+        layout = self.sim.layout
+        wp.launch(
+            _take_goals,
+            dim=self.num_envs,
+            inputs=[mask, layout.goal, layout.has_via, layout.via],
+            outputs=[self._goal],
+        )
 
     def set_cells(self, scenario: torch.Tensor | list[int], difficulty: torch.Tensor | list[int]) -> None:
         """Fix scenario and difficulty of every world, from its next episode on.

@@ -152,11 +152,12 @@ class NavEnv(CorridorEnv):
                 sim.data.qpos,
                 sim.data.qvel,
                 sim.action,
-                self._goal,
+                sim.layout.goal,
                 sim.contacts.parts,
                 self._rules,
                 self._ways,
                 self._episode_length,
+                self._goal,
                 self._distance,
                 self._level,
                 self._trips,
@@ -190,7 +191,7 @@ class NavEnv(CorridorEnv):
         wp.launch(
             episode.begin_episodes,
             dim=self.num_envs,
-            inputs=[mask, sim.data.qpos, self._goal, sim.dynamics.speed_scale],
+            inputs=[mask, sim.data.qpos, self._goal, sim.layout.goal, sim.dynamics.speed_scale],
             outputs=[self._ways, self._trips, self._distance],
         )
 

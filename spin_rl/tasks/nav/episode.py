@@ -37,12 +37,13 @@ class Trips:
     """How long the way was at every world's start and how far its base drove [m], shape (nworld,) each.
 
     ``way``, ``driven`` and ``place``, the base's last position, are those of the running episode;
-    ``final_way`` and ``final_driven`` those at the end of the last step, before worlds that ended began anew.
+    ``to_via`` says whether it still drives to the layout's place before the goal; ``final_way`` and ``final_driven`` are those at the end of the last step, before worlds that ended began anew.
     """
 
     way: wp.array[float]
     driven: wp.array[float]
     place: wp.array[wp.vec2]
+    to_via: wp.array[wp.bool]
     final_way: wp.array[float]
     final_driven: wp.array[float]
 
@@ -61,12 +62,13 @@ def end_episodes(
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
     action: wp.array2d(dtype=float),
-    goal: wp.array(dtype=wp.vec2),
+    layout_goal: wp.array(dtype=wp.vec2),
     part_contacts: wp.array2d(dtype=bool),
     rules: NavRules,
     ways: Ways,
     # In and out
     episode_length: wp.array(dtype=wp.int32),
+    goal: wp.array(dtype=wp.vec2),
     distance: wp.array(dtype=float),
     level: wp.array(dtype=float),
     trips: Trips,
@@ -98,10 +100,14 @@ def end_episodes(
         drive_on(trips, w, qpos[w, 0], qpos[w, 1])
         if touched and rules.stop_on_collision:
             outcome = COLLISION
-        elif straight < rules.goal_tolerance_m:
+        elif straight < rules.goal_tolerance_m and not trips.to_via[w]:
             outcome = SUCCESS
         elif episode_length[w] >= ways.most_steps[w]:
             outcome = TIMEOUT
+        if straight < rules.goal_tolerance_m and trips.to_via[w]:
+            trips.to_via[w] = False
+            goal[w] = layout_goal[w]
+            distance[w] = way_to_go(ways, w, qpos[w, 0], qpos[w, 1], goal[w], distance[w])
     trips.final_way[w] = trips.way[w]
     trips.final_driven[w] = trips.driven[w]
     put_outcome(w, outcome, end)
@@ -114,6 +120,7 @@ def begin_episodes(
     mask: wp.array(dtype=bool),
     qpos: wp.array2d(dtype=float),
     goal: wp.array(dtype=wp.vec2),
+    layout_goal: wp.array(dtype=wp.vec2),
     speed_scale: wp.array(dtype=float),
     # In and out
     ways: Ways,
@@ -127,6 +134,9 @@ def begin_episodes(
         straight = distance_to_go(qpos[w, 0], qpos[w, 1], goal[w], 0)
         way = way_to_go(ways, w, qpos[w, 0], qpos[w, 1], goal[w], straight)
         distance_out[w] = way
+        trips.to_via[w] = ways.has_via[w]
+        if ways.has_via[w]:
+            way += wp.length(goal[w] - layout_goal[w])
         trips.way[w] = way
         trips.driven[w] = 0.0
         trips.place[w] = wp.vec2(qpos[w, 0], qpos[w, 1])
@@ -140,4 +150,5 @@ def make_trips(nworld: int, device: str) -> Any:
         for name in ("way", "driven", "final_way", "final_driven"):
             setattr(trips, name, wp.zeros(nworld, dtype=float))
         trips.place = wp.zeros(nworld, dtype=wp.vec2)
+        trips.to_via = wp.zeros(nworld, dtype=bool)
     return trips

@@ -41,12 +41,14 @@ def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
 class Ways:
     """What says how far it is to the goal in every world.
 
-    A ``field`` without cells leaves it to the corridor's ``bend``. ``most_steps`` (nworld,) is the time limit
+    A ``field`` without cells leaves it to the corridor's ``bend``; where there is a place to drive to first (``has_via``),
+    ways are straight. ``most_steps`` (nworld,) is the time limit
     of the running episode in control steps: with a field, ``slack_steps`` and ``steps_per_m`` of its way at
     full speed, for at most ``longest_m``.
     """
 
     bend: wp.array[int]
+    has_via: wp.array[wp.bool]
     field: Field
     most_steps: wp.array[int]
     slack_steps: float
@@ -60,6 +62,8 @@ def way_to_go(ways: Ways, w: int, x: float, y: float, goal: wp.vec2, otherwise: 
 
     There is none from where the base's front is under something that the mast cannot pass.
     """
+    if ways.has_via[w]:
+        return distance_to_go(x, y, goal, 0)
     if ways.field.values.shape[1] == 0:
         return distance_to_go(x, y, goal, ways.bend[w])
     way = field_at(ways.field, w, x, y)
@@ -78,6 +82,7 @@ def corridor_ways(layout: Layout, episode_steps: int) -> Any:
     """Make the struct of scenes without a distance field; every episode may take as long."""
     ways = Ways()
     ways.bend = layout.bend
+    ways.has_via = layout.has_via
     with wp.ScopedDevice(layout.device):
         ways.field.values = wp.zeros((0, 0, 0), dtype=float)
         ways.field.origin = wp.zeros(0, dtype=wp.vec2)

@@ -1,0 +1,1 @@
+"""Which obstacles a held camera and one that looks around would have shown in time."""
