@@ -18,6 +18,9 @@ from spin_rl.warp_kernels.sight import Body, Heads
 _HEAD = "head_tilt"
 """The body that carries the camera: it never stands before it."""
 
+_THERE_RAD = np.deg2rad(5.0)
+"""The head has arrived when it is so near to a pose."""
+
 _DRAWN = 2
 """Group of the geoms that look like the robot; those that collide are larger."""
 
@@ -59,15 +62,17 @@ class Poses:
         return np.array([(pan, tilt) for pan in self.pans for tilt in self.tilts])
 
     def travel_s(self, profile: robot.SpeedProfile) -> np.ndarray:
-        """Time that the head takes between any two poses: speed limits, and the servos' lag [s], (npose, npose).
+        """Time that the head takes from any pose to within 5 degrees of any other [s], shape (npose, npose).
 
-        A first-order servo is within 5% of a pose after three time constants; what it then lacks is less than
-        a degree for the steps of a grid.
+        The servos are first-order with a speed limit: full speed as far as that asks for no more, and from there on
+        what is left shrinks exponentially.
         """
-        speeds = [profile.joint_velocity_max[robot.JOINTS.index(joint)] for joint in robot.CAMERA_JOINTS]
-        away = np.abs(self.table[:, None] - self.table[None]) / np.array(speeds)
-        lag = 3.0 * profile.joint_time_constant
-        return np.where(away.max(axis=-1) > 0.0, away.max(axis=-1) + lag, 0.0)
+        away = np.abs(self.table[:, None] - self.table[None])
+        speed = np.array([profile.joint_velocity_max[robot.JOINTS.index(joint)] for joint in robot.CAMERA_JOINTS])
+        lag = profile.joint_time_constant
+        slow = np.minimum(away, speed * lag)
+        times = (away - slow) / speed + lag * np.log(np.maximum(slow, _THERE_RAD) / _THERE_RAD)
+        return times.max(axis=-1)
 
 
 def cameras_in_base(poses: Sequence[Sequence[float]]) -> tuple[np.ndarray, np.ndarray]:

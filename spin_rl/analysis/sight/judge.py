@@ -26,7 +26,8 @@ class Events:
 
     Attributes:
         world: Whose episode it was, shape (n,).
-        step: Observation at which it lay on the course for the first time: when it counted, shape (n,).
+        step: When it counted: the observation at which it lay on the course for the first time, or, where it was too
+            late then, the last one before at which braking would have avoided it, shape (n,).
         shows: Whether a head pose at an observation would have shown it in a way that is still known when it
             counted, shape (n, steps, npose), bool; nothing later than `step` is.
         worlds: Number of episodes.
@@ -61,7 +62,10 @@ def find_events(record: Record, num_poses: int, options: SightOptions, period: f
         period: Time between two observations [s].
     """
     world, slot = np.nonzero(record.on_course.any(axis=0))
-    step = record.on_course[:, world, slot].argmax(axis=0)
+    first = record.on_course[:, world, slot].argmax(axis=0)
+    in_time = ~record.too_late[:, world, slot] & (np.arange(len(record.pos))[:, None] <= first)
+    # The last of them; the very first observation where there is none.
+    step = np.where(in_time.any(axis=0), len(in_time) - 1 - in_time[::-1].argmax(axis=0), 0)
     words = record.shown[:, world, slot]
     bits = np.unpackbits(np.ascontiguousarray(words).view(np.uint8), axis=-1, bitorder="little")
     shows = bits[..., :num_poses].astype(bool).transpose(1, 0, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import torch
 import warp as wp
 from tensordict import TensorDict
 
+from spin_rl import robot
 from spin_rl.analysis.sight.heads import Poses, make_body, make_heads
 from spin_rl.policy import Policy
 from spin_rl.scenes.course import find_touched
@@ -30,12 +32,20 @@ class Record:
             words), uint32.
         on_course: Whether the base, going on at its speeds of that moment, would have come to touch the slot
             within the lead, shape (steps, worlds, slots), bool.
+        too_late: Whether it would have come to touch the slot even if it had braked then, and waited, likewise.
     """
 
     running: np.ndarray
     pos: np.ndarray
     shown: np.ndarray
     on_course: np.ndarray
+    too_late: np.ndarray
+
+REACTION_S = 0.35
+"""From what the camera shows to a base that brakes [s]: a control step, the network's memory, the drive's lag."""
+
+WAIT_S = 3.0
+"""How long a base that brakes is followed [s]."""
 
 
 _SHAPES = ("pos", "yaw", "half_size", "active")
@@ -58,6 +68,7 @@ class SightWatch:
         self._env = env
         self._lead = round(lead_s / env.cfg.sim.control_period)
         self._near_m = near_m
+        self._braking = robot.SPEED_PROFILES[env.cfg.robot_profile].base_acceleration
         layout, device = env.sim.layout, env.device
         self._slots, self._hiding = slots_of(layout), slots_of(layout)
         self._body = make_body(env.sim)
@@ -146,32 +157,58 @@ class SightWatch:
                 steps["running"].cpu().numpy(),
                 steps["pos"].cpu().numpy(),
                 steps["shown"].cpu().numpy().view(np.uint32),
-                self._look_ahead(steps).cpu().numpy(),
+                *(found.cpu().numpy() for found in self._look_ahead(steps)),
             )
         )
 
-    def _look_ahead(self, steps: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Which slots lie on the course at every step, given where they really went."""
+    def _look_ahead(self, steps: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        """`on_course` and `too_late` of every step, given where the slots really went."""
+        period = self._env.cfg.sim.control_period
         last = len(steps["pos"]) - 1
         pos = wp.to_torch(self._first.pos)
-        found = torch.zeros(steps["pos"].shape[:3], dtype=torch.bool, device=pos.device)
+        shape = steps["pos"].shape[:3]
+        on_course, too_late = (torch.zeros(shape, dtype=torch.bool, device=pos.device) for _ in range(2))
         for step in range(last + 1):
             pose, velocity, held = (steps[name][step] for name in ("pose", "velocity", "joints"))
-            for ahead in range(self._lead + 1):
+            stop = braked_time(velocity, self._braking)
+            for ahead in range(max(self._lead, round(WAIT_S / period)) + 1):
                 pos.copy_(steps["pos"][min(step + ahead, last)])
-                course = going_on(pose, velocity, ahead * self._env.cfg.sim.control_period)
-                found[step] |= self._find_touched(self._first, course, held, self._near_m)
-            found[step] &= steps["running"][step, :, None]
-        return found
+                if ahead <= self._lead:
+                    course = going_on(pose, velocity, ahead * period)
+                    on_course[step] |= self._find_touched(self._first, course, held, self._near_m)
+                course = going_on(pose, velocity, stop(ahead * period))
+                too_late[step] |= self._find_touched(self._first, course, held, self._near_m)
+        running = steps["running"][..., None]
+        return on_course & running, too_late & running
 
 
-def going_on(pose: torch.Tensor, velocity: torch.Tensor, time_s: float) -> torch.Tensor:
+def braked_time(velocity: torch.Tensor, braking: float) -> Callable[[float], torch.Tensor]:
+    """Make what says in which time a base that does not brake comes as far as one that does.
+
+    Args:
+        velocity: Rates of change of x, y and yaw [m/s, rad/s], shape (n, 3).
+        braking: Deceleration [m/s^2].
+
+    Returns:
+        A function of the time since the decision to brake [s], which takes effect after `REACTION_S`; to times [s],
+        shape (n,).
+    """
+    lasts = (velocity[:, :2].norm(dim=-1) / braking).clamp_min(1e-6)
+
+    def time(after: float) -> torch.Tensor:
+        slowing = lasts.new_full(lasts.shape, max(after - REACTION_S, 0.0)).minimum(lasts)
+        return min(after, REACTION_S) + slowing - 0.5 * slowing**2 / lasts
+
+    return time
+
+
+def going_on(pose: torch.Tensor, velocity: torch.Tensor, time_s: float | torch.Tensor) -> torch.Tensor:
     """Where bases are after a time at constant forward and turning speed.
 
     Args:
         pose: x, y [m] and yaw [rad], shape (n, 3).
         velocity: Their rates of change now [m/s, rad/s], shape (n, 3).
-        time_s: The time [s].
+        time_s: The time [s], one for all or shape (n,).
 
     Returns:
         Shape (n, 3).

@@ -184,7 +184,7 @@ class ShuttleParams:
     back: tuple[float, float] = (2.2, 2.9)
     floating_share: float = 0.5
     floating: tuple[float, float] = (0.75, 1.35)
-    trigger: tuple[float, float] = (0.75, 1.0)
+    trigger: tuple[float, float] = (1.0, 1.25)
     speed: tuple[float, float] = (0.8, 1.2)
 
 

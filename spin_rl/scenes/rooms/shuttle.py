@@ -19,8 +19,8 @@ from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _DEPTH = wp.constant(HIDDEN_DEPTH_M)
 
-_FIRST = wp.constant(0.55)
-"""Distance from the start to the first thing ahead [m]: 0.4 m from the robot's front."""
+_FIRST = wp.constant(0.8)
+"""Distance from the start to the first thing ahead [m]: 0.7 m from the robot's front."""
 
 _PITCH = wp.constant(0.75)
 """Distance between things [m]: the robot is 0.35 m long, and must change sides between them."""
