@@ -62,7 +62,9 @@ def shown_by_rays(scene, qpos, pose, mount, *, body):
         if np.abs(to_base @ (point[:2] - qpos[:2])).max() > 2.0:
             return False
         length = np.linalg.norm(point - origin)
-        hit = mujoco.mj_ray(model, data, origin, (point - origin) / length, groups, 1, -1, np.zeros(1, np.int32))
+        hit = mujoco.mj_ray(
+            model, data, origin, (point - origin) / length, groups, 1, -1, np.zeros(1, np.int32)
+        )
         return hit < 0.0 or hit >= length - margin
 
     result = {}
@@ -187,14 +189,23 @@ def test_a_policy_is_shown_what_its_camera_does_not_see(nav_env):
     driver = SeesAll(lambda obs: given.append(obs) or torch.zeros(8, 10))
     obs = nav_env.get_observations()
     driver(obs)
-    assert (given[0]["scandots"] == obs["scandots_all"]).all() and (obs["scandots"] != obs["scandots_all"]).any()
+    assert (given[0]["scandots"] == obs["scandots_all"]).all() and (
+        obs["scandots"] != obs["scandots_all"]
+    ).any()
 
 
 def test_an_analysis_by_the_map_is_whole(device, tmp_path):
     options = SightOptions(pans=(-3.14, 0.0), tilts=(-1.0, -0.6))
     cfg = NavConfig(episode_s=20.0, curriculum=CurriculumConfig(enabled=False, start=1.0))
     result = analyse_sight(
-        registry.find("reach", "nav"), lambda obs, device: Driver(0.0), cfg, options, 1, [0], device, policy_name="map"
+        registry.find("reach", "nav"),
+        lambda obs, device: Driver(0.0),
+        cfg,
+        options,
+        1,
+        [0],
+        device,
+        policy_name="map",
     )
     # Nothing stops it: it comes to every goal.
     assert all(row["success_rate"] == 1.0 for row in result["rows"])

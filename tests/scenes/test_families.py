@@ -80,7 +80,7 @@ def test_counts_are_within_their_ranges(family):
     walls = got["active"][:, : PARAMS.pool.num_walls].sum(axis=1)
     fewest, most = {
         "corridor": (4, 14), "room": (4, 8), "doorway": (6, 8),
-        "field": (0, 0), "crossing": (7, 12), "open": (0, 0),
+        "field": (0, 0), "crossing": (7, 12), "open": (0, 0), "shuttle": (4, 4),
     }[name]  # fmt: skip
     assert walls.min() >= fewest and walls.max() <= most
     count = got["num_obstacles"]
@@ -88,6 +88,8 @@ def test_counts_are_within_their_ranges(family):
         # As many as drawn, less those that no place was found for.
         assert count.max() <= PARAMS.field.things[1] + 1 and count.min() >= PARAMS.field.things[0] - 2
         assert (got["active"].sum(axis=1) == count).all()
+    elif name == "shuttle":
+        assert count.min() >= 3 and count.max() <= 5 and (got["active"].sum(axis=1) - walls == count).all()
     elif name == "open":
         assert (count == 0).all() and not got["active"].any()
     else:

@@ -1,4 +1,4 @@
-"""Does a camera have to look around in these scenes? All constant head poses against one that moves, in one drive."""
+"""Does a camera have to look around in these scenes? Constant head poses against one that moves, in one drive."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
+
 def analyse_sight(
     benchmark: Benchmark,
     make_policy: PolicyFactory,
@@ -39,9 +40,10 @@ def analyse_sight(
 ) -> dict[str, Any]:
     """Drive a benchmark's episodes once and tell which cameras would have seen in time what was in the way.
 
-    An obstacle is decisive if the robot, going on at its speeds of that moment, would have come nearer to it than
-    `near_m` within `lead_s`; it counted when that was so for the first time. It was seen if one of its corners had been
-    shown before, with nothing of scene and robot in between, and is still known.
+    An obstacle is decisive if the robot, going on at its speeds of some moment, would have come nearer to it
+    than `near_m` within `lead_s`. It counted when that was so for the first time, or before that, as long as
+    braking would have helped. It was seen if one of its corners had been shown by then, with nothing of scene
+    and robot in between, and is still known.
 
     Args:
         benchmark: One of the navigation task.
@@ -57,8 +59,8 @@ def analyse_sight(
         report: Receives lines of progress.
 
     Returns:
-        The benchmark's result; with `analysis` ("sight"), `groups` (see `describe`, one for each family of places or
-        one for all corridors), and the settings of the measurement.
+        The benchmark's result; with `analysis` ("sight"), `groups` (see `describe`, one for each family of
+        places or one for all corridors), and the settings of the measurement.
 
     Raises:
         ConfigError: Too few worlds, head poses beyond their limits, or whatever the benchmark refuses.
@@ -70,7 +72,7 @@ def analyse_sight(
     watches: list[SightWatch] = []
 
     def watch(env: NavEnv, policy: Policy, seed: int) -> Policy:
-        driver = MapDriver(env) if is_map else SeesAll(policy)
+        driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
         watches.append(SightWatch(driver, env, poses, lead_s=options.lead_s, near_m=options.near_m))
         return watches[-1]
 
@@ -119,11 +121,11 @@ def describe(events: judge.Events, poses: Poses, travel: np.ndarray, period: flo
         period: Time between two observations [s].
 
     Returns:
-        `episodes`, `decisive` (obstacles per episode) and `none` (share of the episodes without any). `unseen`: share of
-        the episodes in which a decisive obstacle was unseen when it counted, of every constant pose, in rows of pans.
-        `cameras`: the best constant pose (`held`), `to and fro`, `looks around` and `all around`, the first two with
-        their `poses` [rad], each with `unseen`, `ci95` (Wilson) and, but for the first, `difference` of the share that
-        was seen to the best constant pose (`metrics.paired_difference`).
+        `episodes`, `decisive` (obstacles per episode) and `none` (share of the episodes without any). `unseen`:
+        share of the episodes in which a decisive obstacle was unseen when it counted, of every constant pose, in
+        rows of pans. `cameras`: the best constant pose (`held`), `to and fro`, `looks around` and `all around`,
+        the first two with their `poses` [rad], each with `unseen`, `ci95` (Wilson) and, but for the first,
+        `difference` of the share that was seen to the best constant pose (`metrics.paired_difference`).
     """
     failed = events.failed(judge.held(events))
     shares = failed.mean(axis=0)

@@ -13,9 +13,6 @@ from spin_rl.policy import Policy
 from spin_rl.tasks.nav.env import NavEnv
 from spin_rl.warp_kernels.slots import slots_of
 
-SPEED_M_S = 0.5
-"""How fast it drives, where the robot can."""
-
 _AHEAD_M = 0.4
 """Distance of the point on the way that it steers for."""
 
@@ -53,9 +50,10 @@ class MapDriver:
     Where it has two goals it reverses to the second one. It is meant for environments that no touch stops.
     """
 
-    def __init__(self, env: NavEnv) -> None:
-        """Drive in an environment."""
+    def __init__(self, env: NavEnv, speed_m_s: float) -> None:
+        """Drive in an environment at a speed [m/s], where the robot can."""
         self._env = env
+        self._speed = speed_m_s
         self._profile = robot.SPEED_PROFILES[env.cfg.robot_profile]
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
@@ -75,13 +73,16 @@ class MapDriver:
         longest = max(len(way) for way in ways)
         # All as long as the longest: goals stand for what is missing.
         self._ways = np.stack(
-            [np.vstack([way, np.tile(scene.goal, (longest - len(way), 1))]) for way, scene in zip(ways, scenes, strict=True)]
+            [
+                np.vstack([way, np.tile(scene.goal, (longest - len(way), 1))])
+                for way, scene in zip(ways, scenes, strict=True)
+            ]
         )
         self._reverses = np.array([scene.has_via for scene in scenes])
         self._reached = np.zeros(layout.nworld, dtype=int)
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
-        """Return actions, shape (num_envs, 10): stowed, at up to `SPEED_M_S` along the ways."""
+        """Return actions, shape (num_envs, 10): stowed, along the ways."""
         pose = self._env.sim.views.qpos[:, :3].cpu().numpy()
         target = np.where(self._reverses[:, None], self._env.goal.cpu().numpy(), self._next_points(pose))
         offset = target - pose[:, :2]
@@ -89,7 +90,7 @@ class MapDriver:
         angle = np.angle(np.exp(1j * angle))
         backward = self._reverses & (np.abs(angle) > 0.5 * np.pi)
         angle = np.where(backward, np.angle(-np.exp(1j * angle)), angle)
-        speed = SPEED_M_S * np.clip(1.0 - np.abs(angle) / _TURNS_FIRST_RAD, 0.0, 1.0)
+        speed = self._speed * np.clip(1.0 - np.abs(angle) / _TURNS_FIRST_RAD, 0.0, 1.0)
         forward = np.where(backward, -speed / self._profile.reverse_max, speed / self._profile.forward_max)
         actions = torch.zeros(len(pose), len(robot.ACTIONS))
         actions[:, 0] = torch.from_numpy(forward.clip(-1.0, 1.0))

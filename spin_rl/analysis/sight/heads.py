@@ -48,7 +48,11 @@ class Poses:
         ):
             index = robot.JOINTS.index(joint)
             low, high = robot.JOINT_LOWER[index], robot.JOINT_UPPER[index]
-            if not values or list(values) != sorted(set(values)) or not low <= values[0] <= values[-1] <= high:
+            if (
+                not values
+                or list(values) != sorted(set(values))
+                or not low <= values[0] <= values[-1] <= high
+            ):
                 raise ConfigError(
                     f"sight.{name}: expected ascending angles within [{low}, {high}], got {list(values)}"
                 )
@@ -68,7 +72,9 @@ class Poses:
         what is left shrinks exponentially.
         """
         away = np.abs(self.table[:, None] - self.table[None])
-        speed = np.array([profile.joint_velocity_max[robot.JOINTS.index(joint)] for joint in robot.CAMERA_JOINTS])
+        speed = np.array(
+            [profile.joint_velocity_max[robot.JOINTS.index(joint)] for joint in robot.CAMERA_JOINTS]
+        )
         lag = profile.joint_time_constant
         slow = np.minimum(away, speed * lag)
         times = (away - slow) / speed + lag * np.log(np.maximum(slow, _THERE_RAD) / _THERE_RAD)

@@ -167,9 +167,7 @@ def join(parts: list[Events]) -> Events:
     """Put the events of several records side by side, worlds numbered one after the other."""
     longest = max(part.shows.shape[1] for part in parts)
     first = np.cumsum([0, *(part.worlds for part in parts)])
-    padded = [
-        np.pad(part.shows, ((0, 0), (0, longest - part.shows.shape[1]), (0, 0))) for part in parts
-    ]
+    padded = [np.pad(part.shows, ((0, 0), (0, longest - part.shows.shape[1]), (0, 0))) for part in parts]
     return Events(
         np.concatenate([part.world + offset for part, offset in zip(parts, first, strict=False)]),
         np.concatenate([part.step for part in parts]),

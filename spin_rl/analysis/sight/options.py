@@ -24,6 +24,7 @@ class SightOptions:
         near_m: Distance that counts as touching [m].
         moved_m: An obstacle is known where it was seen until it has moved by more than this [m].
         fresh_s: One that moves is known for so long after it was seen [s].
+        speed_m_s: How fast `MAP` drives, where the robot can [m/s].
     """
 
     pans: tuple[Angle, ...]
@@ -32,3 +33,4 @@ class SightOptions:
     near_m: Annotated[float, Range(0.0, 1.0)] = 0.03
     moved_m: Annotated[float, Range(0.0, 10.0)] = 0.05
     fresh_s: Annotated[float, Range(0.0, 100.0)] = 0.5
+    speed_m_s: Annotated[float, Range(0.0, 2.0, above=True)] = 0.5

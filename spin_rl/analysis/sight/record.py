@@ -41,6 +41,7 @@ class Record:
     on_course: np.ndarray
     too_late: np.ndarray
 
+
 REACTION_S = 0.35
 """From what the camera shows to a base that brakes [s]: a control step, the network's memory, the drive's lag."""
 

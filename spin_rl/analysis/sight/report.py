@@ -57,13 +57,14 @@ def headline(result: dict[str, Any]) -> str:
         held, _, around, _ = group["cameras"]
         gain = around["difference"]["mean"]
         asks = "a camera must look around" if gain >= BAR else "a constant pose will do"
-        parts.append(f"{group['name']}: unseen {held['unseen']:.2f}, looking around {around['unseen']:.2f}: {asks}")
+        parts.append(
+            f"{group['name']}: unseen {held['unseen']:.2f}, looking around {around['unseen']:.2f}: {asks}"
+        )
     return "; ".join(parts)
 
 
 def write_csv(result: dict[str, Any], path: Path) -> None:
     """Write the share of every constant pose: places, pan, tilt [rad], unseen."""
-
     text = io.StringIO()
     rows = csv.writer(text)
     rows.writerow(("places", "pan", "tilt", "unseen"))
@@ -89,14 +90,27 @@ def plot(result: dict[str, Any], path: Path) -> None:
     image = None
     for axes, group in zip(grid, groups, strict=True):
         image = axes.imshow(
-            list(zip(*group["unseen"], strict=True)), origin="lower", vmin=0.0, vmax=1.0, cmap="magma_r", aspect="auto"
+            list(zip(*group["unseen"], strict=True)),
+            origin="lower",
+            vmin=0.0,
+            vmax=1.0,
+            cmap="magma_r",
+            aspect="auto",
         )
         axes.set_xticks(range(len(sight["pans"])), [f"{pan:.1f}" for pan in sight["pans"]], fontsize=7)
         axes.set_yticks(range(len(sight["tilts"])), [f"{tilt:.2f}" for tilt in sight["tilts"]], fontsize=7)
         axes.set(xlabel="pan [rad], 0 ahead", ylabel="tilt [rad], negative is down")
         held, swing, around, _ = group["cameras"]
         pan, tilt = held["poses"][0]
-        axes.plot(sight["pans"].index(pan), sight["tilts"].index(tilt), "o", mec="tab:green", mfc="none", ms=10, mew=2)
+        axes.plot(
+            sight["pans"].index(pan),
+            sight["tilts"].index(tilt),
+            "o",
+            mec="tab:green",
+            mfc="none",
+            ms=10,
+            mew=2,
+        )
         axes.set_title(
             f"{group['name']}, {result['camera_mount']}\nunseen: best constant {held['unseen']:.2f}, "
             f"to and fro {swing['unseen']:.2f}, looking around {around['unseen']:.2f}",

@@ -52,6 +52,11 @@ def _put_mover(
     phase = wp.randf(state)
     trigger = wp.lerp(q.crossing_trigger[0], q.crossing_trigger[1], wp.randf(state))
     speed = wp.lerp(q.crossing_speed[0], q.crossing_speed[1], wp.randf(state))
+    low = float(0.0)
+    floats = wp.rand_init(seed, 1)
+    if wp.randf(floats) < q.crossing_floating_share:
+        low = wp.lerp(p.head_bottom[0], p.head_bottom[1], wp.randf(floats))
+        height = wp.lerp(p.head_thickness[0], p.head_thickness[1], wp.randf(floats))
     now = site
     slot = now.first_box + now.boxes
     if wp.randf(state) < 0.4 and now.first_cylinder + now.cylinders < now.num_slots:
@@ -65,7 +70,7 @@ def _put_mover(
     nearest = half_width + p.wall_thickness + half[1] + 0.02
     farthest = half_width + p.wall_thickness + lane - half[1] - 0.05
     back = side * wp.lerp(nearest, wp.max(farthest, nearest), u)
-    centre = wp.vec3(x, home, 0.5 * height)
+    centre = wp.vec3(x, home, low + 0.5 * height)
     put_slot(world, slot, centre, 0.0, wp.vec3(half[0], half[1], 0.5 * height), slots)
     track.home[world, slot] = centre
     track.retreat[world, slot] = wp.vec2(0.0, back - home)

@@ -130,6 +130,7 @@ class CrossingParams:
         opening: Width of an opening.
         mover_share: Share of openings with a mover.
         patrolling_share: Share of movers that go to and fro; the others wait for the robot.
+        floating_share: Share of movers at the height of the head; the others stand on the floor.
         half_size: Half the size of a mover.
         trigger: Distance of the base from where a waiting mover goes at which it starts.
         speed: Of movers [m/s].
@@ -141,6 +142,7 @@ class CrossingParams:
     opening: tuple[float, float] = (0.8, 1.2)
     mover_share: float = 0.7
     patrolling_share: float = 0.5
+    floating_share: float = 0.0
     half_size: tuple[float, float] = (0.1, 0.25)
     trigger: tuple[float, float] = (1.0, 2.2)
     speed: tuple[float, float] = (0.3, 0.8)

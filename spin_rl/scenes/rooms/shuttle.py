@@ -60,7 +60,15 @@ def shuttle_ends(q: FamilyStruct, seed: int) -> wp.vec2:
 
 @wp.func
 def _put_thing(
-    world: int, x: float, width: float, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track
+    world: int,
+    x: float,
+    width: float,
+    p: ParamsStruct,
+    q: FamilyStruct,
+    seed: int,
+    site: Site,
+    slots: Slots,
+    track: Track,
 ) -> Site:
     """Write what comes out of a wall about x."""
     state = wp.rand_init(seed, 0)

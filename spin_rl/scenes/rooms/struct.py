@@ -44,6 +44,7 @@ class FamilyStruct:
     crossing_opening: wp.vec2
     crossing_mover_share: float
     crossing_patrolling_share: float
+    crossing_floating_share: float
     crossing_half_size: wp.vec2
     crossing_trigger: wp.vec2
     crossing_speed: wp.vec2
