@@ -27,7 +27,7 @@ ANALYSES = ("camera", "failures", "sight")
 _ANALYSED = {"camera": ("reach",), "failures": ("reach", "rooms", "scenes"), "sight": ("reach", "rooms")}
 """The benchmarks that each analysis looks into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
-"""The analysis of the camera runs the benchmark a dozen times, that of sight keeps every step of every episode."""
+"""The analysis of the camera runs the benchmark a dozen times, that of sight keeps every step of all."""
 _COUNTED = ("camera", "sight")
 _TRIPS = "scenes"
 """The benchmark that draws starts and goals in scene files."""

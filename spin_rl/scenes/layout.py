@@ -176,7 +176,8 @@ class Layout:
         num_obstacles: Obstacles between start and goal; distractors do not count, shape (nworld,), int32.
         family: Kind of place, an index of `kinds.FAMILIES`, shape (nworld,), int32.
         way_m: Length of the shortest way from start to goal [m], 0 where nobody measured it, shape (nworld,).
-        has_via: Whether there is a place to drive to first, shape (nworld,), bool; then the ways to both are straight.
+        has_via: Whether there is a place to drive to first, shape (nworld,), bool; then the ways to both are
+            straight.
         via: That place [m], shape (nworld,), vec2.
         home, retreat, motion_speed, motion_trigger, motion_phase: How slots move, see `Scene`, shape (nworld,
             nslot), vec3, vec2 and float; `motion.py` draws them and moves the slots.

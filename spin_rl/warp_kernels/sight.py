@@ -3,8 +3,9 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """From which of many head poses the camera would show which obstacle, all from one state of the robot.
 
-An obstacle is shown if one of the corners of its box (a cylinder's bounding box) is: inside the window, in front of
-the camera and in its image, with nothing in between, as in `scandots`. Here the robot's own body hides, too.
+An obstacle is shown if one of the corners of its box (a cylinder's bounding box) is: inside the window, in
+front of the camera and in its image, with nothing in between, as in `scandots`. Here the robot's own body
+hides, too.
 """
 
 from typing import Any
@@ -28,8 +29,9 @@ wp.set_module_options({"enable_backward": False})
 class Body:
     """What of the robot hides: boxes and cylinders in any direction.
 
-    ``xpos`` and ``xmat`` (nworld, ngeom) are where all geoms are; ``geoms`` (n,) says which of them hide, ``kinds``
-    (n,) 0 for a box and 1 for a cylinder along z, ``sizes`` (n,) half extents, or (radius, radius, half height).
+    ``xpos`` and ``xmat`` (nworld, ngeom) are where all geoms are; ``geoms`` (n,) says which of them hide,
+    ``kinds`` (n,) 0 for a box and 1 for a cylinder along z, ``sizes`` (n,) half extents, or (radius, radius,
+    half height).
     """
 
     xpos: wp.array2d[wp.vec3]
@@ -41,7 +43,7 @@ class Body:
 
 @wp.struct
 class Heads:
-    """Cameras of all head poses in the base frame, their optical axes x right, y down, z forward, and their lens."""
+    """Cameras of all head poses in the base frame, axes x right, y down, z forward, and their lens."""
 
     pos: wp.array[wp.vec3]
     mat: wp.array[wp.mat33]
@@ -159,8 +161,8 @@ def look(
         body: `Body`.
         heads: `Heads` of npose poses.
         window: Half side of the square window around the base [m].
-        shown_out: Output, bit i of word j is that of pose 32 j + i, shape (nworld, nslot, (npose + 31) // 32),
-            uint32.
+        shown_out: Output, bit i of word j is that of pose 32 j + i, shape (nworld, nslot,
+            (npose + 31) // 32), uint32.
     """
     wp.launch(
         _look,

@@ -166,7 +166,7 @@ def test_a_box_on_the_floor_is_seen_by_who_looks_there(make_nav_env, x, forward,
     assert events.world.tolist() == [0, 1]
     seen = judge.held(events)
     assert {tuple(pose) for pose, sees in zip(poses.table, seen[0], strict=True) if sees} == needed
-    # At 0.8 m/s it counts where 0.64 m, and the margin, are left: after what is left of the way, and a start's lag.
+    # At 0.8 m/s it counts where 0.64 m, and the margin, are left; and a start takes time.
     room = abs(x) - 0.05 - (0.0595 if x > 0 else 0.2875)
     expected = (room - 0.03 - 0.64) / 0.8 / 0.1
     assert expected < events.step[0] < expected + 5

@@ -29,11 +29,11 @@ def record_of(shown, on_course, pos=None, too_late=None) -> Record:
     return Record(running, *(values[:, None, None] for values in (pos, words, on_course, late)))
 
 
-def random_events(seed, count=40, steps=25, poses=len(POSES), worlds=12) -> judge.Events:
+def random_events(seed, count=40, steps=25, worlds=12) -> judge.Events:
     rng = np.random.default_rng(seed)
     world = np.sort(rng.integers(0, worlds, count))
     step = rng.integers(3, steps, count)
-    shows = rng.random((count, steps, poses)) < 0.06
+    shows = rng.random((count, steps, len(POSES))) < 0.06
     shows &= np.arange(steps)[None, :, None] <= step[:, None, None]
     return judge.Events(world, step, shows, worlds)
 

@@ -10,13 +10,13 @@ from spin_rl.planning import solvability
 from spin_rl.scenes.kinds import FAMILIES
 
 # Of other generators: tables, a corridor with a table, and families of places.
-OTHERS = {"fetch", "tabletop", "mixture", *FAMILIES}
+OTHERS = {"fetch", "tabletop", "mixture", "blind_crossing", *FAMILIES}
 FILES = {file.stem for file in (CONF_DIR / "scene").glob("*.yaml")}
 NAMES = sorted(FILES - OTHERS)
 
 
 def test_these_are_the_variants():
-    assert NAMES == ["hidden", "long", "looking", "moving", "nav"] and OTHERS < FILES
+    assert NAMES == ["beam", "hidden", "long", "looking", "moving", "nav"] and OTHERS < FILES
     assert solvability.scene_params("nav") == PARAMS
 
 
@@ -35,7 +35,14 @@ def test_variants_differ_as_they_say():
         name: solvability.generate_scenes(100, 2, 2, params=solvability.scene_params(name)) for name in NAMES
     }
     moving = {name: any(scene.moves for scene in group) for name, group in scenes.items()}
-    assert moving == {"hidden": False, "long": False, "looking": True, "moving": True, "nav": False}
+    assert moving == {
+        "beam": True,
+        "hidden": False,
+        "long": False,
+        "looking": True,
+        "moving": True,
+        "nav": False,
+    }
     for still, moved in zip(scenes["nav"], scenes["moving"], strict=True):
         assert (still.pos == moved.pos).all() and (still.half_size == moved.half_size).all()
 

@@ -1,4 +1,4 @@
-"""Does a camera have to look around in these scenes? Constant head poses against one that moves, in one drive."""
+"""Does a camera have to look around in these scenes? Constant head poses against one that moves."""
 
 from __future__ import annotations
 
@@ -121,11 +121,12 @@ def describe(events: judge.Events, poses: Poses, travel: np.ndarray, period: flo
         period: Time between two observations [s].
 
     Returns:
-        `episodes`, `decisive` (obstacles per episode) and `none` (share of the episodes without any). `unseen`:
-        share of the episodes in which a decisive obstacle was unseen when it counted, of every constant pose, in
-        rows of pans. `cameras`: the best constant pose (`held`), `to and fro`, `looks around` and `all around`,
-        the first two with their `poses` [rad], each with `unseen`, `ci95` (Wilson) and, but for the first,
-        `difference` of the share that was seen to the best constant pose (`metrics.paired_difference`).
+        `episodes`, `decisive` (obstacles per episode) and `none` (share of the episodes without any).
+        `unseen`: share of the episodes in which a decisive obstacle was unseen when it counted, of every
+        constant pose, in rows of pans. `cameras`: the best constant pose (`held`), `to and fro`, `looks
+        around` and `all around`, the first two with their `poses` [rad], each with `unseen`, `ci95` (Wilson)
+        and, but for the first, `difference` of the share that was seen to the best constant pose
+        (`metrics.paired_difference`).
     """
     failed = events.failed(judge.held(events))
     shares = failed.mean(axis=0)

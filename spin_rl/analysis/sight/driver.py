@@ -1,4 +1,4 @@
-"""Who drives where it does not matter what the camera sees: a policy that is shown everything, or a map's way."""
+"""Who drives where the camera does not matter: a policy that is shown everything, or a map's way."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _AHEAD_M = 0.4
 """Distance of the point on the way that it steers for."""
 
 _ROOM_M = 0.45
-"""Distance to walls from which the way costs no more than its length: it leads along the middle of a corridor."""
+"""Distance to walls from which a way costs no more than its length: it keeps to the middle of corridors."""
 
 _GAIN = 2.5
 """Turning speed per angle to that point [1/s]."""
@@ -98,7 +98,7 @@ class MapDriver:
         return actions.to(self._env.device)
 
     def _next_points(self, pose: np.ndarray) -> np.ndarray:
-        """The first points of the ways, after those reached before, that are not near any more, shape (n, 2)."""
+        """The first points of the ways, from those reached before on, that are not near, shape (n, 2)."""
         away = np.linalg.norm(self._ways - pose[:, None, :2], axis=-1)
         later = np.arange(self._ways.shape[1]) >= self._reached[:, None]
         far = (away > _AHEAD_M) & later

@@ -68,8 +68,8 @@ class Poses:
     def travel_s(self, profile: robot.SpeedProfile) -> np.ndarray:
         """Time that the head takes from any pose to within 5 degrees of any other [s], shape (npose, npose).
 
-        The servos are first-order with a speed limit: full speed as far as that asks for no more, and from there on
-        what is left shrinks exponentially.
+        The servos are first-order with a speed limit: full speed at first, and then what is left shrinks
+        exponentially.
         """
         away = np.abs(self.table[:, None] - self.table[None])
         speed = np.array(

@@ -1,7 +1,7 @@
 """What a record says of cameras: which obstacles were decisive, when, and who would have seen them by then.
 
-Everything is computed from `Record`s on the host; arrays over events have a row for every decisive obstacle of every
-episode.
+Everything is computed from `Record`s on the host; arrays over events have a row for every decisive obstacle
+of every episode.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Events:
 
     Attributes:
         world: Whose episode it was, shape (n,).
-        step: When it counted: the observation at which it lay on the course for the first time, or, where it was too
-            late then, the last one before at which braking would have avoided it, shape (n,).
+        step: When it counted: the observation at which it lay on the course for the first time, or, where it
+            was too late then, the last one before at which braking would have avoided it, shape (n,).
         shows: Whether a head pose at an observation would have shown it in a way that is still known when it
             counted, shape (n, steps, npose), bool; nothing later than `step` is.
         worlds: Number of episodes.
@@ -90,8 +90,8 @@ def anywhere(events: Events) -> np.ndarray:
 def look_around(events: Events, travel: np.ndarray, start: int) -> np.ndarray:
     """Which events a camera sees that knows them all and goes to where it sees most of them soon.
 
-    At every observation it takes the pose where it would see most unseen decisive obstacles if it went there now and
-    stayed, each worth the less the later it sees it. While the head moves it sees nothing.
+    At every observation it takes the pose where it would see most unseen decisive obstacles if it went there
+    now and stayed, each worth the less the later it sees it. While the head moves it sees nothing.
 
     Args:
         events: All events.

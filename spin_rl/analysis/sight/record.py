@@ -1,4 +1,4 @@
-"""Records, while somebody drives, from which head poses what would have been seen and what lay on the course."""
+"""Records, while somebody drives, from which head poses what would be seen, and what lies on the course."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ class Record:
     Attributes:
         running: Whether the episode was going on, shape (steps, worlds), bool.
         pos: Where slots were [m], shape (steps, worlds, slots, 3), float32.
-        shown: Words of head poses that would have shown a slot, see `sight.look`, shape (steps, worlds, slots,
-            words), uint32.
+        shown: Words of head poses that would have shown a slot, see `sight.look`, shape (steps, worlds,
+            slots, words), uint32.
         on_course: Whether the base, going on at its speeds of that moment, would have come to touch the slot
             within the lead, shape (steps, worlds, slots), bool.
-        too_late: Whether it would have come to touch the slot even if it had braked then, and waited, likewise.
+        too_late: Whether it would have come to touch the slot even if it had braked then and waited,
+            likewise.
     """
 
     running: np.ndarray
@@ -43,7 +44,7 @@ class Record:
 
 
 REACTION_S = 0.35
-"""From what the camera shows to a base that brakes [s]: a control step, the network's memory, the drive's lag."""
+"""From what the camera shows to a base that brakes [s]: a control step, the network, the drive's lag."""
 
 WAIT_S = 3.0
 """How long a base that brakes is followed [s]."""
@@ -191,8 +192,8 @@ def braked_time(velocity: torch.Tensor, braking: float) -> Callable[[float], tor
         braking: Deceleration [m/s^2].
 
     Returns:
-        A function of the time since the decision to brake [s], which takes effect after `REACTION_S`; to times [s],
-        shape (n,).
+        A function of the time since the decision to brake [s], which takes effect after `REACTION_S`; to
+        times [s], shape (n,).
     """
     lasts = (velocity[:, :2].norm(dim=-1) / braking).clamp_min(1e-6)
 

@@ -18,8 +18,9 @@ def table(result: dict[str, Any]) -> str:
     """Format a result of `analysis.analyse_sight` for the terminal."""
     sight = result["sight"]
     title = (
-        f"Sight: {result['policy']} drives, {result['groups'][0]['episodes']} episodes, robot {result['robot']}, "
-        f"camera {result['camera_mount']}, {len(sight['pans']) * len(sight['tilts'])} constant poses"
+        f"Sight: {result['policy']} drives, {result['groups'][0]['episodes']} episodes, "
+        f"robot {result['robot']}, camera {result['camera_mount']}, "
+        f"{len(sight['pans']) * len(sight['tilts'])} constant poses"
     )
     header = ["places", "decisive", "camera", "pan, tilt", "unseen", "95%", "better by", "95%"]
     lines = [_line(group, camera) for group in result["groups"] for camera in group["cameras"]]

@@ -3,8 +3,8 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Corridors too narrow to turn in, with a goal ahead and then one behind, as Warp functions.
 
-Things come out of the walls when the robot is near, ahead and, on the way back, behind: the robot must choose a side
-before it is there, and has not seen where it reverses to.
+Things come out of the walls when the robot is near, ahead and, on the way back, behind: the robot must choose
+a side before it is there, and has not seen where it reverses to.
 """
 
 import warp as wp

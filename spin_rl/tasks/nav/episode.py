@@ -36,8 +36,9 @@ class NavRules:
 class Trips:
     """How long the way was at every world's start and how far its base drove [m], shape (nworld,) each.
 
-    ``way``, ``driven`` and ``place``, the base's last position, are those of the running episode;
-    ``to_via`` says whether it still drives to the layout's place before the goal; ``final_way`` and ``final_driven`` are those at the end of the last step, before worlds that ended began anew.
+    ``way``, ``driven`` and ``place``, the base's last position, are those of the running episode, and
+    ``to_via`` whether it still drives to the layout's place before the goal; ``final_way`` and
+    ``final_driven`` are those at the end of the last step, before worlds that ended began anew.
     """
 
     way: wp.array[float]

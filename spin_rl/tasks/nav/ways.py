@@ -41,10 +41,11 @@ def distance_to_go(x: float, y: float, goal: wp.vec2, bend: int) -> float:
 class Ways:
     """What says how far it is to the goal in every world.
 
-    A ``field`` without cells leaves it to the corridor's ``bend``; where there is a place to drive to first (``has_via``),
-    ways are straight. ``most_steps`` (nworld,) is the time limit
-    of the running episode in control steps: with a field, ``slack_steps`` and ``steps_per_m`` of its way at
-    full speed, for at most ``longest_m``.
+    A ``field`` without cells leaves it to the corridor's ``bend``; where there is a place to drive to first
+    (``has_via``), ways are straight. ``most_steps`` (nworld,) is the time limit of the running episode in
+    control
+    steps: with a field, ``slack_steps`` and ``steps_per_m`` of its way at full speed, for at most
+        ``longest_m``.
     """
 
     bend: wp.array[int]
