@@ -1,4 +1,4 @@
-"""Draw docs/figures/sight.png: what constant head poses miss, a heat map for each result of the sight analysis.
+"""Draw docs/figures/sight.png: what constant head poses miss, a heat map for each result of analysis=sight.
 
 Run from the repository root: ``python docs/figures/sight.py <result.json> ...``, results of ``spin-eval
 analysis=sight out=<result.json>`` named <places>_<mount>.json.
