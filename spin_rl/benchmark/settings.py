@@ -43,6 +43,7 @@ def for_policy(
         "task.goal_range_m",
     ]
     sections = ["task.scandots", "task.sight", "task.manipulation", "task.depth"]
+    sections += ["task.lidar", "task.odometry"]
     if OmegaConf.select(source, "task.depth.enabled"):
         sections.append("depth.filter")
     for section in sections:

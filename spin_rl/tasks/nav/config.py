@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.sensors.lidar import LidarConfig
+from spin_rl.sensors.odometry import OdometryConfig
 from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
@@ -34,6 +36,8 @@ class NavConfig(CorridorConfig):
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
         scene: Parameters of the layout generator.
         noise: Sensor noise.
+        lidar: A lidar on the base, with `odometry` as observation groups, for baselines.
+        odometry: Errors of the odometry that comes with it.
     """
 
     stop_on_collision: bool = True
@@ -45,6 +49,8 @@ class NavConfig(CorridorConfig):
     )
     scene: GeneratorParams = field(default_factory=GeneratorParams)
     noise: NavNoise = field(default_factory=NavNoise)
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""

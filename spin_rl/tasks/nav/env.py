@@ -14,6 +14,8 @@ from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
 from spin_rl.sensors.clearance import Clearance
+from spin_rl.sensors.lidar import Lidar
+from spin_rl.sensors.odometry import Odometry
 from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
@@ -34,6 +36,7 @@ class NavEnv(CorridorEnv):
 
     Attributes:
         most_steps: Control steps that the running episode may take, a view, shape (num_envs,), int32.
+        lidar: The lidar, where the configuration enables it, else None.
         way_left: Way left to the goal in the running episode [m], a view, shape (num_envs,).
         final_way: Way to the goal at the start of the episode that the last step belongs to [m], a view,
             shape (num_envs,).
@@ -95,10 +98,14 @@ class NavEnv(CorridorEnv):
         self.observations = NavObservations(
             self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m, ahead
         )
+        self._make_lidar(cfg)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
-            seed, capture, sensors=(self.scandots, ahead, self.depth), step_sensors=(self._clearance,)
+            seed,
+            capture,
+            sensors=(self.scandots, ahead, self.depth, self.lidar, self._odometry),
+            step_sensors=(self._clearance,),
         )
 
     def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
@@ -131,6 +138,14 @@ class NavEnv(CorridorEnv):
         self.max_episode_length = most_steps(self._ways, cfg.dynamics.speed_scale[0])
         if scene is not None:
             self.set_scenes([scene[world % len(scene)] for world in range(self.num_envs)])
+
+    def _make_lidar(self, cfg: NavConfig) -> None:
+        self.lidar = self._odometry = None
+        if cfg.lidar.enabled:
+            drawn = {"seed": self._seed, "episode": self._counter}
+            self.lidar = Lidar(self.sim, cfg.lidar, **drawn)
+            self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
+            self.observations.add_lidar(self.lidar, self._odometry)
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
