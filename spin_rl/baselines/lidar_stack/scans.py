@@ -1,0 +1,104 @@
+"""Beams of a lidar: from ranges to points, and the last turn of a mirror that turns while the robot drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spin_rl.baselines.lidar_stack.poses import into_frame, to_frame_of
+from spin_rl.warp_kernels.grid_map.scans import HIT, PASSED, SKIPPED
+
+
+@dataclass(frozen=True)
+class LidarModel:
+    """What a stack knows of its lidar.
+
+    Attributes:
+        angles: Directions of the rays in the base frame [rad], shape (rays,).
+        hidden: Rays that never come back, shape (rays,), bool.
+        position: In the base frame [m], shape (2,).
+        far_m: Farthest range [m].
+    """
+
+    angles: np.ndarray
+    hidden: np.ndarray
+    position: np.ndarray
+    far_m: float
+
+    def points(self, ranges: np.ndarray) -> np.ndarray:
+        """Ends of beams of some lengths [m] in the base frame, (n, rays) -> (n, rays, 2)."""
+        directions = np.stack((np.cos(self.angles), np.sin(self.angles)), axis=-1)
+        return self.position + ranges[..., None] * directions
+
+    def kinds(self, ranges: np.ndarray) -> np.ndarray:
+        """What beams say, `HIT`, `PASSED` or `SKIPPED`, (n, rays) -> (n, rays), int32."""
+        kinds = np.where(ranges > 0.0, int(HIT), np.where(ranges == 0.0, int(PASSED), int(SKIPPED)))
+        kinds[:, self.hidden] = int(SKIPPED)
+        return kinds.astype(np.int32)
+
+    def limited(self, ranges: np.ndarray, mark_m: float, clear_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Ends in the base frame and kinds of beams that mark and clear only so far [m]."""
+        kinds = self.kinds(ranges)
+        kinds[(kinds == int(HIT)) & (ranges > mark_m)] = int(PASSED)
+        reach = np.where(kinds == int(HIT), ranges, np.where(ranges > 0.0, ranges, self.far_m))
+        return self.points(np.minimum(reach, np.where(kinds == int(HIT), mark_m, clear_m))), kinds
+
+
+class LastTurn:
+    """The newest measurement of every ray, kept in the frame of the odometry, so that driving bends nothing.
+
+    Attributes:
+        complete: Whether every ray has been measured since the start, shape (n,), bool.
+    """
+
+    def __init__(self, model: LidarModel, nworld: int) -> None:
+        """Allocate for a number of worlds."""
+        self._model = model
+        shape = (nworld, len(model.angles))
+        self._ends = np.zeros((*shape, 2))
+        self._kinds = np.full(shape, int(SKIPPED), dtype=np.int32)
+        self._seen = np.zeros(shape, dtype=bool)
+
+    @property
+    def complete(self) -> np.ndarray:
+        return self._seen.all(axis=1)
+
+    def restart(self, worlds: np.ndarray) -> None:
+        """Forget what was measured in some worlds, a mask of shape (n,)."""
+        self._kinds[worlds] = int(SKIPPED)
+        self._seen[worlds] = False
+
+    def add(self, ranges: np.ndarray, odometry: np.ndarray) -> None:
+        """Take in what a control step has brought.
+
+        Args:
+            ranges: Of the rays, below 0 where the mirror has not been [m], shape (n, rays).
+            odometry: Poses at which they were measured, shape (n, 3).
+        """
+        new = ranges >= 0.0
+        ends = to_frame_of(odometry[:, None, :], self._model.points(ranges))
+        self._ends[new] = ends[new]
+        self._kinds[new] = self._model.kinds(ranges)[new]
+        self._seen |= new
+
+    def hits(self, odometry: np.ndarray, within_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where obstacles are around the robots now.
+
+        Args:
+            odometry: Poses now, shape (n, 3).
+            within_m: Farther ones are left out [m].
+
+        Returns:
+            Points in the base frame, those that count first in every row, shape (n, rays, 2); and how many
+            count, shape (n,).
+        """
+        points = into_frame(odometry[:, None, :], self._ends)
+        counted = (self._kinds == int(HIT)) & ((points**2).sum(axis=-1) < within_m**2)
+        return front_first(points, counted)
+
+
+def front_first(points: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bring the points that count to the front of their rows; also return how many there are."""
+    order = np.argsort(~counted, axis=1, kind="stable")
+    return np.take_along_axis(points, order[..., None], axis=1), counted.sum(axis=1)
