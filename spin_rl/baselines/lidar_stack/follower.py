@@ -42,8 +42,8 @@ class Follower:
         self.reach_m = self._speed * cfg.time_s + longest + cfg.near_m
 
     def choose(
-        self, poses: np.ndarray, field: Field, points: np.ndarray, counts: np.ndarray, speeds: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, poses: np.ndarray, field: Field, points: np.ndarray, counts: np.ndarray, speeds: np.ndarray, escaping: np.ndarray
+    ) -> np.ndarray:
         """Choose the best drive of every world.
 
         Args:
@@ -53,16 +53,19 @@ class Follower:
             counts: How many of them count, shape (n,).
             speeds: Forward [m/s] and turning [rad/s] speeds now, shape (n, 2).
 
+            escaping: Where to drive to the freest place instead of nearer to the goal, a mask, shape (n,).
+
         Returns:
-            Speeds, shape (n, 2), 0 where no drive is possible; and where one is, shape (n,).
+            Speeds, shape (n, 2), 0 where no drive is possible.
         """
-        cost, _ = self._weigh(poses, field, points, counts, self._drives)
+        cost, gap = self._weigh(poses, field, points, counts, self._drives)
+        cost = np.where(escaping[:, None] & (cost < float(IMPOSSIBLE)), 1e-3 * cost - gap, cost)
         rise = self._profile.base_acceleration * _WINDOW_S
         too_fast = self._drives[None, :, 0] > np.maximum(speeds[:, :1], 0.0) + rise
         cost = np.where(too_fast, float(IMPOSSIBLE), cost)
         best = cost.argmin(axis=1)
         possible = cost[np.arange(len(cost)), best] < float(IMPOSSIBLE)
-        return np.where(possible[:, None], self._drives[best], 0.0), possible
+        return np.where(possible[:, None], self._drives[best], 0.0)
 
     def is_clear(
         self, poses: np.ndarray, field: Field, points: np.ndarray, counts: np.ndarray, speeds: np.ndarray

@@ -14,13 +14,15 @@ from spin_rl.extras import require
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field
 from spin_rl.warp_kernels.distance_field.solve import spread_values
 from spin_rl.warp_kernels.distance_field.trace import trace_paths
-from spin_rl.warp_kernels.grid_map.costs import prepare_ways
+from spin_rl.warp_kernels.grid_map.costs import find_news, prepare_ways
 from spin_rl.warp_kernels.grid_map.frame import Frame
 from spin_rl.warp_kernels.grid_map.scans import Evidence, add_scans, smear_hits
 
 DEVICE = "cpu"
 _RINGS = 3
 """Blocked cells beside passable ones that have values: a robot may be there that came too near to something."""
+_SAME_M = 0.15
+"""What is seen so near to the map's obstacles is one of them."""
 _MOST_POINTS = 2000
 """Of a way: 100 m in cells of 5 cm."""
 
@@ -51,6 +53,7 @@ class Grids:
         with wp.ScopedDevice(DEVICE):
             self.frame.origin = wp.zeros(nworld, dtype=wp.vec2)
             self.odds, self.live, self.near = (wp.zeros(self.shape, dtype=float) for _ in range(3))
+            self._news = wp.zeros(nworld, dtype=wp.int32)
 
     def restart(self, worlds: np.ndarray, goal: np.ndarray) -> None:
         """Empty the grids of some worlds, a mask, and put their middle halfway to the goals (n, 2) [m]."""
@@ -95,6 +98,17 @@ class Grids:
             odds_out=self.live,
         )
 
+    def news(self, worlds: np.ndarray, cfg: LocalizationSettings) -> np.ndarray:
+        """Numbers that change where what was seen of late and is not in the map does, shape (n,).
+
+        Args:
+            worlds: Those to look at, a mask, shape (n,).
+            cfg: As for `finish_map`, which has been called.
+        """
+        known = float(_log_likelihood(np.array(_SAME_M), cfg))
+        find_news(on_host(worlds, wp.bool), self.live, self.near, known=known, sum_out=self._news)
+        return self._news.numpy().copy()
+
     def finish_map(self, worlds: np.ndarray, cfg: LocalizationSettings) -> None:
         """Let `near` tell how likely a beam ends in a cell, for localization.
 
@@ -120,8 +134,7 @@ class Grids:
                 slice(max(at.min() - reach, 0), at.max() + reach + 1) for at in (rows, columns)
             )
             distance = ndimage.distance_transform_edt(odds[world][window] <= 0.0) * self._cfg.cell_m
-            hit = np.exp(-0.5 * (distance / cfg.sigma_hit_m) ** 2)
-            near[world][window] = np.log1p(cfg.z_hit / cfg.z_rand * hit)
+            near[world][window] = _log_likelihood(distance, cfg)
 
 
 class Ways:
@@ -187,6 +200,11 @@ class Ways:
         index = np.minimum(round(way_m / self.field.cell), last)
         points = self._points.numpy()[np.arange(len(poses)), index]
         return points.astype(np.float64), self._length.numpy().copy()
+
+
+def _log_likelihood(distance: np.ndarray, cfg: LocalizationSettings) -> np.ndarray:
+    """Of a beam that ends at a distance to the map's obstacles [m], over that far away from all."""
+    return np.log1p(cfg.z_hit / cfg.z_rand * np.exp(-0.5 * (distance / cfg.sigma_hit_m) ** 2))
 
 
 def _evidence(hit: float, passed: float, low: float, high: float) -> Evidence:

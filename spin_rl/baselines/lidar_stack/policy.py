@@ -33,6 +33,7 @@ class _State:
     goal: np.ndarray  # in the map [m]
     command: np.ndarray  # forward [m/s] and turning [rad/s] speed
     error: np.ndarray  # of their execution, a share
+    news: np.ndarray  # what was seen that is not in the map, at the last plan
 
 
 class LidarStack:
@@ -75,7 +76,7 @@ class LidarStack:
         self.recovery = Recovery(n, cfg.recovery, self._period, self._rng)
         self.poses, self.map_error = np.zeros((n, 3)), np.zeros(n)
         self._state = _State(
-            np.ones(n, dtype=bool), np.zeros(n, int), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2))
+            np.ones(n, dtype=bool), np.zeros(n, int), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, int)
         )
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
@@ -113,7 +114,7 @@ class LidarStack:
         self._turn.restart(fresh)
         self._filter.restart(fresh)
         self.recovery.restart(fresh)
-        for memory in (state.step, state.command, state.error):
+        for memory in (state.step, state.command, state.error, state.news):
             memory[fresh] = 0
         self.ways.plan(fresh, state.goal)
         state.fresh[:] = False
@@ -131,12 +132,18 @@ class LidarStack:
         """Plan anew where it is time, and return the ways left [m], shape (n,)."""
         state, n = self._state, len(self.poses)
         everywhere = np.ones(n, dtype=bool)
-        every = max(round(self.settings.planner.period_s / self._period), 1)
-        due = (state.step + np.arange(n)) % every == 0
+        often, seldom = (
+            max(round(seconds / self._period), 1)
+            for seconds in (self.settings.planner.period_s, self.settings.planner.oldest_s)
+        )
+        turn = state.step + np.arange(n)
+        looked = turn % often == 0
+        news = self.maps.news(looked, self.settings.localization)
+        due = looked & ((news != state.news) | (turn % seldom == 0))
+        state.news[due] = news[due]
         self.ways.plan(due, state.goal)
         _, way = self.ways.lookahead(everywhere, self.poses, 0.0)
-        self.recovery.replanned(due)
-        cleared = self.recovery.watch(way)
+        cleared = self.recovery.watch(way, due)
         if cleared.any():
             self.maps.forget_live(cleared)
             self.ways.plan(cleared, state.goal)
@@ -145,18 +152,16 @@ class LidarStack:
     def _drive(self, odometry: np.ndarray, way: np.ndarray) -> np.ndarray:
         """Speeds of the follower, or of a recovery where it is clear; shape (n, 2)."""
         follower, recovery = self._follower, self.recovery
-        points, counts = self._turn.hits(odometry, follower.reach_m)
+        points, counts = self._turn.hits(odometry, follower.reach_m, thinned=True)
         points = points[:, : max(int(counts.max()), 1)]
         seen = (self.poses, self.ways.field, points, counts)
-        command, _ = follower.choose(*seen, self._state.command)
         turn = np.stack((np.zeros(len(way)), 0.5 * self._profile.turn_max * recovery.side), axis=1)
         back = np.tile((-self._profile.reverse_max, 0.0), (len(way), 1))
-        for mode, speeds in ((ROTATING, turn), (BACKING, back)):
-            chosen = recovery.mode == mode
-            if chosen.any():
-                clear = chosen & follower.is_clear(*seen, speeds)
-                command[clear] = speeds[clear]
-        return command
+        recovering = (recovery.mode == ROTATING) | (recovery.mode == BACKING)
+        given = np.where((recovery.mode == ROTATING)[:, None], turn, back)
+        clear = recovering & follower.is_clear(*seen, given) if recovering.any() else recovering
+        command = follower.choose(*seen, self._state.command, recovering)
+        return np.where(clear[:, None], given, command)
 
     def _executed(self, command: np.ndarray) -> np.ndarray:
         """Speeds with the errors of floor and wheels, which last for some time."""

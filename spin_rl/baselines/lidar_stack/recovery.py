@@ -26,29 +26,29 @@ class Recovery:
         self.mode = np.zeros(nworld, dtype=int)
         self.side = np.ones(nworld)
         self._least = np.full(nworld, np.inf)
+        self._last = np.full(nworld, np.inf)
         self._waited = np.zeros(nworld, dtype=int)
         self._next = np.full(nworld, CLEARING)
 
     def restart(self, worlds: np.ndarray) -> None:
         """Begin anew in some worlds, a mask."""
         self.mode[worlds] = DRIVING
-        self._least[worlds] = np.inf
+        self._least[worlds] = self._last[worlds] = np.inf
         self._waited[worlds] = 0
         self._next[worlds] = CLEARING
 
-    def replanned(self, worlds: np.ndarray) -> None:
-        """Take the ways of new plans in some worlds, a mask, as they are: a detour is longer."""
-        self._least[worlds] += self._cfg.progress_m
-
-    def watch(self, way: np.ndarray) -> np.ndarray:
+    def watch(self, way: np.ndarray, replanned: np.ndarray) -> np.ndarray:
         """Change what robots do.
 
         Args:
             way: Ways left [m], shape (n,).
+            replanned: Where they are those of a new plan, a mask, shape (n,): a detour is longer.
 
         Returns:
             Worlds in which what was seen of late is to be forgotten, a mask.
         """
+        self._least += np.where(replanned, np.maximum(way - self._last, 0.0), 0.0)
+        self._last = way.copy()
         nearer = way < self._least - self._cfg.progress_m
         self._least = np.where(nearer, way, self._least)
         self._waited = np.where(nearer & (self.mode <= CLEARING), 0, self._waited + 1)

@@ -10,6 +10,9 @@ from spin_rl.baselines.lidar_stack.poses import into_frame, to_frame_of
 from spin_rl.warp_kernels.grid_map.scans import HIT, PASSED, SKIPPED
 
 
+_SPACING_M = 0.028
+
+
 @dataclass(frozen=True)
 class LidarModel:
     """What a stack knows of its lidar.
@@ -82,19 +85,27 @@ class LastTurn:
         self._kinds[new] = self._model.kinds(ranges)[new]
         self._seen |= new
 
-    def hits(self, odometry: np.ndarray, within_m: float) -> tuple[np.ndarray, np.ndarray]:
+    def hits(
+        self, odometry: np.ndarray, within_m: float, *, thinned: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Where obstacles are around the robots now.
 
         Args:
             odometry: Poses now, shape (n, 3).
             within_m: Farther ones are left out [m].
+            thinned: Leave out rays that are close beside others, within 3 cm.
 
         Returns:
             Points in the base frame, those that count first in every row, shape (n, rays, 2); and how many
             count, shape (n,).
         """
         points = into_frame(odometry[:, None, :], self._ends)
-        counted = (self._kinds == int(HIT)) & ((points**2).sum(axis=-1) < within_m**2)
+        away = (points**2).sum(axis=-1)
+        counted = (self._kinds == int(HIT)) & (away < within_m**2)
+        if thinned:
+            ray, turn = np.arange(points.shape[1]), 2.0 * np.pi / points.shape[1]
+            for every in (2, 4):
+                counted &= (ray % every == 0) | (away > (_SPACING_M / (every * turn)) ** 2)
         return front_first(points, counted)
 
 

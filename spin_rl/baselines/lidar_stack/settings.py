@@ -90,7 +90,8 @@ class PlannerSettings:
         blocked_m: Distance to obstacles below which no way leads.
         near_m: Distance below which a way costs four times its length.
         goal_m: Cells so near to the goal count as at it.
-        period_s: The way is planned anew so often.
+        period_s: The way is planned anew so often, where what is seen has changed.
+        oldest_s: And so often everywhere.
         mark_m: Farthest that a beam marks an obstacle.
         clear_m: Farthest that a beam clears one.
         hit: Log-odds that a beam adds where it ends.
@@ -101,7 +102,8 @@ class PlannerSettings:
     blocked_m: float = 0.18
     near_m: float = 0.38
     goal_m: float = 0.1
-    period_s: float = 1.0
+    period_s: float = 0.5
+    oldest_s: float = 5.0
     mark_m: float = 2.5
     clear_m: float = 3.0
     hit: float = 2.0
@@ -130,11 +132,11 @@ class FollowerSettings:
 
     speed: float = 0.6
     turn: float = 1.0
-    speeds: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
-    turns: int = 17
+    speeds: tuple[float, ...] = (0.0, 0.15, 0.3, 0.6, 1.0)
+    turns: int = 13
     reverse: float = 0.1
     time_s: float = 1.2
-    steps: int = 8
+    steps: int = 6
     ahead_m: float = 0.3
     margin_m: float = 0.02
     near_m: float = 0.15

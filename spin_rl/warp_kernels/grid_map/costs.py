@@ -25,6 +25,17 @@ def _is_occupied(odds: wp.array3d[float], live: wp.array3d[float], w: int, row: 
     return odds[w, row, column] > 0.0 or live[w, row, column] > 0.0
 
 
+@wp.func
+def _is_within(odds: wp.array3d[float], live: wp.array3d[float], w: int, row: int, column: int) -> bool:
+    """Whether the four cells beside an occupied one are occupied: then it reaches no farther than they."""
+    return (
+        _is_occupied(odds, live, w, row - 1, column)
+        and _is_occupied(odds, live, w, row + 1, column)
+        and _is_occupied(odds, live, w, row, column - 1)
+        and _is_occupied(odds, live, w, row, column + 1)
+    )
+
+
 @wp.kernel
 def _inflate(
     mask: wp.array[wp.bool],
@@ -65,16 +76,20 @@ def _inflate(
                 kind = int(SLOW)
             kinds_out[w, row, column] = kind
     reach = int(near / field.cell)
+    near_sq = int(near * near / (field.cell * field.cell))
+    blocked_sq = int(blocked * blocked / (field.cell * field.cell))
     for row in range(low[1], high[1]):
         for column in range(low[0], high[0]):
-            if _is_occupied(odds, live, w, row, column):
+            here = _is_occupied(odds, live, w, row, column)
+            if here:
+                kinds_out[w, row, column] = int(SOLID)
+            if here and not _is_within(odds, live, w, row, column):
                 for i in range(wp.max(row - reach, low[1]), wp.min(row + reach + 1, high[1])):
                     for j in range(wp.max(column - reach, low[0]), wp.min(column + reach + 1, high[0])):
-                        away = field.cell * wp.length(wp.vec2(float(i - row), float(j - column)))
-                        if away < near:
-                            kind = wp.where(away < blocked, int(BLOCKED), int(SLOW))
+                        away = (i - row) * (i - row) + (j - column) * (j - column)
+                        if away <= near_sq:
+                            kind = wp.where(away <= blocked_sq, int(BLOCKED), int(SLOW))
                             kinds_out[w, i, j] = wp.max(kinds_out[w, i, j], kind)
-                kinds_out[w, row, column] = int(SOLID)
 
 
 @wp.kernel
@@ -109,6 +124,40 @@ def _seed(
             away = wp.length(cell_centre(field, w, column, row) - goal[w])
             if (kinds[w, row, column] & KIND) <= SLOW and away <= reach:
                 field.values[w, row, column] = away
+
+
+@wp.kernel
+def _find_news(
+    mask: wp.array[wp.bool],
+    live: wp.array3d[float],
+    near: wp.array3d[float],
+    known: float,
+    sum_out: wp.array[int],
+):
+    w = wp.tid()
+    if not mask[w]:
+        return
+    total = int(0)
+    for row in range(live.shape[1]):
+        for column in range(live.shape[2]):
+            if live[w, row, column] > 0.0 and near[w, row, column] < known:
+                total += row * live.shape[2] + column + 1
+    sum_out[w] = total
+
+
+def find_news(mask: wp.array, live: wp.array, near: wp.array, *, known: float, sum_out: wp.array) -> None:
+    """Sum up the numbers of the cells in which something was seen of late that is not in the map.
+
+    Args:
+        mask: Worlds, shape (nworld,), bool.
+        live: Log-odds of what was seen of late, shape (nworld, ny, nx).
+        near: How near cells are to the map's obstacles, likewise.
+        known: From which of that on what is seen is the map's.
+        sum_out: Output; it changes where the cells do, shape (nworld,), int32.
+    """
+    wp.launch(
+        _find_news, dim=mask.shape, inputs=[mask, live, near, known], outputs=[sum_out], device=mask.device
+    )
 
 
 def prepare_ways(

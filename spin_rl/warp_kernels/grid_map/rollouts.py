@@ -105,15 +105,16 @@ def _weigh(
     # Whoever is too near already may drive where it does not get nearer.
     allowed = wp.min(weights.margin, now - 1.0e-3)
     least = float(weights.near)
+    last = float(0.0)
     hit = bool(False)
     piece = weights.time / float(weights.steps)
     for step in range(weights.steps):
         if not hit:
             at = _drive(speed, piece * float(step + 1))
-            gap = _least_gap(footprint, world, at, points, count, weights.near)
-            least = wp.min(least, gap)
-            hit = gap < allowed
-    gap_out[world, i] = least
+            last = _least_gap(footprint, world, at, points, count, weights.near)
+            least = wp.min(least, last)
+            hit = last < allowed
+    gap_out[world, i] = last
     if hit:
         cost_out[world, i] = IMPOSSIBLE
         return
@@ -154,7 +155,7 @@ def weigh_drives(
         footprint: The robot.
         weights: How drives are weighed.
         cost_out: Output, `IMPOSSIBLE` or metres, shape (nworld, drives).
-        gap_out: Output, least distance to a hit on the drive, at most `weights.near` [m], likewise.
+        gap_out: Output, distance to the nearest hit where the drive ends, at most `weights.near` [m], likewise.
     """
     wp.launch(
         _weigh,
