@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
+from spin_rl.baselines.registry import BASELINES
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.tables import backend as backend_report
@@ -115,6 +116,7 @@ def evaluate(call: common.Call) -> bool:
     spec.check(call.values)
     source = policies.open_for(spec, {"policy": options.policy, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
+    source.check(task)
     mistake = settings.unused_depth(task, options.overrides)
     if mistake is not None:
         raise ConfigError(mistake)
@@ -278,6 +280,8 @@ def _check(options: Options, spec: TaskSpec) -> None:
         raise ConfigError(
             f"analysis: {options.analysis} needs {_those(lambda known: known.name in analysed)}"
         )
+    if options.policy in BASELINES and options.analysis == "camera":
+        raise ConfigError(f"analysis: camera needs a policy with one, which {options.policy} has not")
     if options.scene_file is not None and options.analysis == "camera":
         raise ConfigError("scene: analysis=camera runs in the benchmark's corridors, not in a scene file")
     if options.plot is not None:
@@ -299,7 +303,7 @@ def _check_backend(options: Options, spec: TaskSpec) -> None:
     if spec.name not in _AGAIN:
         name = options.benchmark.name
         raise ConfigError(f"backend: benchmark={name} cannot be run in the deploy loop yet")
-    if options.policy in policies.UNTRAINED:
+    if options.policy in policies.UNSAVED:
         raise ConfigError(f"policy: {options.policy} cannot be exported, as backend={options.backend} needs")
 
 

@@ -122,10 +122,9 @@ class Lidar(Sensor):
         """Prepare scans of a drive before the episodes: what moves is not there then."""
         layout = self._layout
         still = layout.active.numpy() & (layout.motion_speed.numpy() == 0.0)
-        active = wp.array(still, dtype=bool, device=self.ranges.device)
-        return Survey(self, active, layout.start.numpy().astype(np.float64))
+        return Survey(self, still, layout.start.numpy().astype(np.float64))
 
-    def scan_static(self, active: wp.array, poses: np.ndarray, step: int) -> np.ndarray:
+    def scan_static(self, active: np.ndarray, poses: np.ndarray, step: int) -> np.ndarray:
         """Measure whole turns from given poses, shape (nworld, rays); copies from and to the device.
 
         Args:
@@ -138,7 +137,7 @@ class Lidar(Sensor):
         ranges = wp.empty_like(self.ranges)
         cast_rays(
             self._slots,
-            active,
+            wp.array(active, dtype=bool, device=device),
             qpos,
             self._mount,
             farthest=2.0 * self.config.far_m,
@@ -165,17 +164,18 @@ class Survey:
         start: Base poses at which the episodes start (x [m], y [m], yaw [rad]), shape (nworld, 3).
     """
 
-    def __init__(self, lidar: Lidar, active: wp.array, start: np.ndarray) -> None:
+    def __init__(self, lidar: Lidar, active: np.ndarray, start: np.ndarray) -> None:
         """Take over the lidar, the slots that are there, shape (nworld, nslot), and `start`."""
         self._lidar, self._active = lidar, active
         self._scans = 0
         self.start = start
 
-    def scan(self, moved: np.ndarray) -> np.ndarray:
+    def scan(self, moved: np.ndarray, worlds: np.ndarray) -> np.ndarray:
         """Measure a whole turn, shape (nworld, rays) [m].
 
         Args:
             moved: Base poses in the frame of the start (x [m], y [m], yaw [rad]), shape (nworld, 3).
+            worlds: Where to measure, a mask, shape (nworld,); the others are empty.
         """
         self._scans += 1
         x, y, yaw = self.start.T
@@ -187,7 +187,7 @@ class Survey:
             ),
             axis=1,
         )
-        return self._lidar.scan_static(self._active, poses, self._scans)
+        return self._lidar.scan_static(self._active & worlds[:, None], poses, self._scans)
 
 
 def hidden_rays(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:

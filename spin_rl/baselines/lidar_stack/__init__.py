@@ -1,1 +1,1 @@
-"""A classical navigation stack (SPIN, Classical): a lidar map, localization in it, a planner and a follower."""
+"""A classical navigation stack (SPIN, Classical): lidar map, localization, planner and follower."""

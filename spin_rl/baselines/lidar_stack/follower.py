@@ -42,7 +42,13 @@ class Follower:
         self.reach_m = self._speed * cfg.time_s + longest + cfg.near_m
 
     def choose(
-        self, poses: np.ndarray, field: Field, points: np.ndarray, counts: np.ndarray, speeds: np.ndarray, escaping: np.ndarray
+        self,
+        poses: np.ndarray,
+        field: Field,
+        points: np.ndarray,
+        counts: np.ndarray,
+        speeds: np.ndarray,
+        escaping: np.ndarray,
     ) -> np.ndarray:
         """Choose the best drive of every world.
 

@@ -20,7 +20,7 @@ from spin_rl.warp_kernels.grid_map.scans import Evidence, add_scans, smear_hits
 
 DEVICE = "cpu"
 _RINGS = 3
-"""Blocked cells beside passable ones that have values: a robot may be there that came too near to something."""
+"""Blocked cells beside passable ones that have values: a robot may have come too near to something."""
 _SAME_M = 0.15
 """What is seen so near to the map's obstacles is one of them."""
 _MOST_POINTS = 2000
@@ -130,9 +130,7 @@ class Grids:
             if len(rows) == 0:
                 continue
             reach = math.ceil(4.0 * cfg.sigma_hit_m / self._cfg.cell_m)
-            window = tuple(
-                slice(max(at.min() - reach, 0), at.max() + reach + 1) for at in (rows, columns)
-            )
+            window = tuple(slice(max(at.min() - reach, 0), at.max() + reach + 1) for at in (rows, columns))
             distance = ndimage.distance_transform_edt(odds[world][window] <= 0.0) * self._cfg.cell_m
             near[world][window] = _log_likelihood(distance, cfg)
 

@@ -1,4 +1,4 @@
-"""Monte Carlo localization of all worlds (Fox et al. 1999; Thrun, Burgard and Fox 2005, chapter 8), as AMCL."""
+"""Monte Carlo localization of all worlds (Thrun, Burgard and Fox 2005, chapter 8), as AMCL has it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ class ParticleFilter:
         cfg = self._cfg
         motion = relative(self._at, odometry)
         motion[:, 2] = wrap(motion[:, 2])
-        moved = (np.hypot(motion[:, 0], motion[:, 1]) >= cfg.update_m) | (np.abs(motion[:, 2]) >= cfg.update_rad)
+        moved = np.hypot(motion[:, 0], motion[:, 1]) >= cfg.update_m
+        moved |= np.abs(motion[:, 2]) >= cfg.update_rad
         due = worlds & (moved | (self._updates < cfg.first_updates)) & (counts > 0)
         if not due.any():
             return

@@ -1,4 +1,4 @@
-"""The mapping drive: to the goal and back through what the lidar shows, with noisy odometry and scan matching.
+"""The mapping drive: to the goal and back by what the lidar shows, with noisy odometry and scan matching.
 
 It stands for the minutes in which somebody drives the robot through the place by hand (SPIN, Classical), and
 for gmapping with its scan matcher and one particle. No physics takes part: the robot goes where the drive
@@ -28,8 +28,8 @@ _LOOK_M = 0.3
 class Scans(Protocol):
     """What takes scans, such as `sensors.lidar.Survey`."""
 
-    def scan(self, moved: np.ndarray) -> np.ndarray:
-        """Ranges (n, rays) [m] at poses in the frame of the start (n, 3)."""
+    def scan(self, moved: np.ndarray, worlds: np.ndarray) -> np.ndarray:
+        """Ranges (n, rays) [m] at poses in the frame of the start (n, 3), where a mask (n,) says so."""
         ...
 
 
@@ -58,7 +58,9 @@ def with_errors(
     direction = np.where(way > 1e-6, np.arctan2(motion[:, 1], motion[:, 0]), 0.5 * motion[:, 2])
     heading = direction[expand] + 0.5 * turn
     length = way[expand] + further
-    return np.stack((length * np.cos(heading), length * np.sin(heading), motion[:, 2][expand] + turn), axis=-1)
+    return np.stack(
+        (length * np.cos(heading), length * np.sin(heading), motion[:, 2][expand] + turn), axis=-1
+    )
 
 
 class MappingDrive:
@@ -94,7 +96,7 @@ class MappingDrive:
         for index in range(cfg.most_scans):
             if not left.any():
                 break
-            believed = self._take_in(left, survey.scan(true), believed, match=index > 0)
+            believed = self._take_in(left, survey.scan(true, left), believed, match=index > 0)
             arrived = left & (np.hypot(*(target - believed[:, :2]).T) < cfg.arrived_m)
             if index % cfg.scans_between_plans == 0 or arrived.any():
                 self._turn_round(left, arrived, homeward, target)

@@ -1,4 +1,4 @@
-"""The stack as a policy: it reads lidar, odometry and, once, the goal, and drives the base with the arm stowed."""
+"""The stack as a policy: it reads lidar, odometry and, once, the goal, and drives with the arm stowed."""
 
 from __future__ import annotations
 
@@ -39,6 +39,9 @@ class _State:
 class LidarStack:
     """A classical stack for all worlds, on the host.
 
+    Places are mapped many at a time: where an episode has ended, the robot stands still until half of all
+    worlds wait for that.
+
     Attributes:
         maps: The maps, for drawings and tests.
         poses: Where the robots take themselves to be in their maps, shape (n, 3).
@@ -63,9 +66,7 @@ class LidarStack:
         self._lidar = env.lidar
         self._profile = robot.SPEED_PROFILES[env.cfg.robot_profile]
         self._period = env.cfg.sim.control_period
-        model = LidarModel(
-            env.lidar.angles, env.lidar.hidden, env.lidar.position[:2], env.lidar.config.far_m
-        )
+        model = LidarModel(env.lidar.angles, env.lidar.hidden, env.lidar.position[:2], env.lidar.config.far_m)
         self._model = model
         self.maps = Grids(n, cfg.map)
         self.ways = Ways(self.maps, cfg.planner)
@@ -76,7 +77,12 @@ class LidarStack:
         self.recovery = Recovery(n, cfg.recovery, self._period, self._rng)
         self.poses, self.map_error = np.zeros((n, 3)), np.zeros(n)
         self._state = _State(
-            np.ones(n, dtype=bool), np.zeros(n, int), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n, int)
+            np.ones(n, dtype=bool),
+            np.zeros(n, int),
+            np.zeros((n, 2)),
+            np.zeros((n, 2)),
+            np.zeros((n, 2)),
+            np.zeros(n, int),
         )
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
@@ -89,16 +95,17 @@ class LidarStack:
             obs[name].cpu().numpy().astype(np.float64) for name in ("lidar", "odometry", "goal")
         )
         state = self._state
-        if state.fresh.any():
+        if 2 * state.fresh.sum() >= len(state.fresh):
             self._begin(goal[:, :2] * GOAL_SCALE_M)
+        drives = ~state.fresh
         self._turn.add(ranges, odometry)
         points, counts = self._turn.hits(odometry, self._model.far_m)
-        self._filter.update(self._turn.complete, odometry, points, counts)
+        self._filter.update(drives & self._turn.complete, odometry, points, counts)
         self.poses = self._filter.pose(odometry)
         self._remember(ranges)
-        way = self._plan()
-        command = self._drive(odometry, way)
-        command[state.step * self._period < self.settings.stow_s] = 0.0
+        self._plan(drives)
+        command = self._drive(odometry, drives)
+        command[(state.step * self._period < self.settings.stow_s) | ~drives] = 0.0
         state.step += 1
         state.command = command
         return self._actions(self._executed(command))
@@ -124,39 +131,39 @@ class LidarStack:
         cfg = self.settings.planner
         ends, kinds = self._model.limited(ranges, cfg.mark_m, cfg.clear_m)
         laser = np.broadcast_to(self._model.position, (len(ranges), 2))
-        known = self._state.step >= self.settings.localization.first_updates
+        state = self._state
+        known = ~state.fresh & (state.step >= self.settings.localization.first_updates)
         start, ends = to_frame_of(self.poses, laser), to_frame_of(self.poses[:, None, :], ends)
         self.maps.add_live(known, start, ends, kinds, cfg)
 
-    def _plan(self) -> np.ndarray:
-        """Plan anew where it is time, and return the ways left [m], shape (n,)."""
+    def _plan(self, drives: np.ndarray) -> None:
+        """Plan anew where it is time, of the worlds in a mask; and let it be seen who gets no nearer."""
         state, n = self._state, len(self.poses)
-        everywhere = np.ones(n, dtype=bool)
         often, seldom = (
             max(round(seconds / self._period), 1)
             for seconds in (self.settings.planner.period_s, self.settings.planner.oldest_s)
         )
         turn = state.step + np.arange(n)
-        looked = turn % often == 0
+        looked = drives & (turn % often == 0)
         news = self.maps.news(looked, self.settings.localization)
         due = looked & ((news != state.news) | (turn % seldom == 0))
         state.news[due] = news[due]
         self.ways.plan(due, state.goal)
-        _, way = self.ways.lookahead(everywhere, self.poses, 0.0)
+        _, way = self.ways.lookahead(drives, self.poses, 0.0)
         cleared = self.recovery.watch(way, due)
         if cleared.any():
             self.maps.forget_live(cleared)
             self.ways.plan(cleared, state.goal)
-        return way
 
-    def _drive(self, odometry: np.ndarray, way: np.ndarray) -> np.ndarray:
+    def _drive(self, odometry: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """Speeds of the follower, or of a recovery where it is clear; shape (n, 2)."""
         follower, recovery = self._follower, self.recovery
         points, counts = self._turn.hits(odometry, follower.reach_m, thinned=True)
+        counts = np.where(drives, counts, 0)
         points = points[:, : max(int(counts.max()), 1)]
         seen = (self.poses, self.ways.field, points, counts)
-        turn = np.stack((np.zeros(len(way)), 0.5 * self._profile.turn_max * recovery.side), axis=1)
-        back = np.tile((-self._profile.reverse_max, 0.0), (len(way), 1))
+        turn = np.stack((np.zeros(len(drives)), 0.5 * self._profile.turn_max * recovery.side), axis=1)
+        back = np.tile((-self._profile.reverse_max, 0.0), (len(drives), 1))
         recovering = (recovery.mode == ROTATING) | (recovery.mode == BACKING)
         given = np.where((recovery.mode == ROTATING)[:, None], turn, back)
         clear = recovering & follower.is_clear(*seen, given) if recovering.any() else recovering

@@ -1,4 +1,4 @@
-"""Beams of a lidar: from ranges to points, and the last turn of a mirror that turns while the robot drives."""
+"""Beams of a lidar: from ranges to points, and the last turn of a mirror on a robot that drives."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from spin_rl.baselines.lidar_stack.poses import into_frame, to_frame_of
 from spin_rl.warp_kernels.grid_map.scans import HIT, PASSED, SKIPPED
 
-
 _SPACING_M = 0.028
+"""Of rays that are left out beside others."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,7 @@ class LastTurn:
 
     @property
     def complete(self) -> np.ndarray:
+        """Which worlds' rays have all been measured."""
         return self._seen.all(axis=1)
 
     def restart(self, worlds: np.ndarray) -> None:

@@ -178,7 +178,7 @@ class StackSettings:
         planner: Planning.
         follower: Following.
         recovery: Recovery.
-        execution_error: Standard deviation of the base's speeds, a share of what is commanded: floor and slip.
+        execution_error: Standard deviation of the base's speeds, a share of the command: floor and slip.
         execution_time_s: How long such an error lasts.
         stow_s: Time to stow the arm in, before the base moves.
         seed: Of all that is drawn.

@@ -55,3 +55,26 @@ PLACE: dict[str, dict[tuple[int, str], PaperCell]] = {
 FRAMES_PER_S = {"scandots": 50_000.0, "depth": 820.0}
 """Simulated frames per second on one GPU, 8192 worlds with scandots, 256 with depth (supplement, "Directly
 training from depth images")."""
+
+
+@dataclass(frozen=True)
+class PaperPlace:
+    """A cell of the real robot's table.
+
+    Attributes:
+        success_rate: Share of the runs that ended within 15 cm of the goal.
+        collisions: Mean number of collisions of a run.
+    """
+
+    success_rate: float
+    collisions: float
+
+
+STATIC_DYNAMIC: dict[tuple[int, str], dict[str, PaperPlace]] = {
+    (1, "static"): {"SPIN": PaperPlace(0.8, 1.0), "Classical": PaperPlace(0.6, 0.4)},
+    (1, "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.0, 1.2)},
+    (2, "static"): {"SPIN": PaperPlace(0.8, 0.8), "Classical": PaperPlace(0.4, 0.6)},
+    (2, "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.2, 1.0)},
+}
+"""Real scene (1 the lab, 2 the study area) and obstacles -> method -> figures (Real-world results, table of
+static and dynamic obstacles)."""

@@ -155,7 +155,7 @@ def weigh_drives(
         footprint: The robot.
         weights: How drives are weighed.
         cost_out: Output, `IMPOSSIBLE` or metres, shape (nworld, drives).
-        gap_out: Output, distance to the nearest hit where the drive ends, at most `weights.near` [m], likewise.
+        gap_out: Output, distance to the nearest hit at its end, at most `weights.near` [m], likewise.
     """
     wp.launch(
         _weigh,
