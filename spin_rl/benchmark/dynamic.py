@@ -95,8 +95,8 @@ def evaluate_dynamic(
         watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
-        `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scene`, `obstacles`, `collisions`,
-        the mean of an episode, and `collisions_ci95`), and the settings under which they were measured.
+        `policy`, `benchmark`, `rows` (see `metrics.summarize_drives`, with `scene`, `obstacles`, the mean
+        number of `collisions` and its `collisions_ci95`), and the settings under which they were measured.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, or no worlds; SciPy is not installed.

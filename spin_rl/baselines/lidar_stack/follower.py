@@ -32,6 +32,8 @@ class Follower:
         forward = [(share * self._speed, turn) for share in cfg.speeds for turn in turns]
         backward = [(-min(cfg.reverse, profile.reverse_max), turn) for turn in turns[:: cfg.turns // 4]]
         self._drives = np.array(forward + backward)
+        idle = (self._drives[:, 0] < 0.0) | ~self._drives.any(axis=1)
+        self._idle_cost = cfg.idle_m * idle
         self._footprint, self._weights = Footprint(), Weights()
         low_x, low_y, high_x, high_y = cfg.footprint
         self._footprint.low, self._footprint.high = wp.vec2(low_x, low_y), wp.vec2(high_x, high_y)
@@ -65,7 +67,8 @@ class Follower:
             Speeds, shape (n, 2), 0 where no drive is possible.
         """
         cost, gap = self._weigh(poses, field, points, counts, self._drives)
-        cost = np.where(escaping[:, None] & (cost < float(IMPOSSIBLE)), 1e-3 * cost - gap, cost)
+        rated = np.where(escaping[:, None], 1e-3 * cost - gap, cost + self._idle_cost)
+        cost = np.where(cost < float(IMPOSSIBLE), rated, cost)
         rise = self._profile.base_acceleration * _WINDOW_S
         too_fast = self._drives[None, :, 0] > np.maximum(speeds[:, :1], 0.0) + rise
         cost = np.where(too_fast, float(IMPOSSIBLE), cost)

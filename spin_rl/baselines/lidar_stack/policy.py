@@ -66,7 +66,7 @@ class LidarStack:
         self._lidar = env.lidar
         self._profile = robot.SPEED_PROFILES[env.cfg.robot_profile]
         self._period = env.cfg.sim.control_period
-        model = LidarModel(env.lidar.angles, env.lidar.hidden, env.lidar.position[:2], env.lidar.config.far_m)
+        model = LidarModel(env.lidar.angles, env.lidar.position[:2], env.lidar.config.far_m)
         self._model = model
         self.maps = Grids(n, cfg.map)
         self.ways = Ways(self.maps, cfg.planner)

@@ -9,6 +9,9 @@ from spin_rl.baselines.lidar_stack.settings import RecoverySettings
 DRIVING, CLEARING, ROTATING, BACKING = range(4)
 """What a robot does; driving on while it waits for what it has forgotten to be seen anew is clearing."""
 
+_DETOUR_M = 0.5
+"""By so much a new plan's way is longer where what was the way is blocked."""
+
 
 class Recovery:
     """Watches the ways left in all worlds.
@@ -47,7 +50,8 @@ class Recovery:
         Returns:
             Worlds in which what was seen of late is to be forgotten, a mask.
         """
-        self._least += np.where(replanned, np.maximum(way - self._last, 0.0), 0.0)
+        longer = way - self._last
+        self._least += np.where(replanned & (longer > _DETOUR_M), longer, 0.0)
         self._last = way.copy()
         nearer = way < self._least - self._cfg.progress_m
         self._least = np.where(nearer, way, self._least)

@@ -11,6 +11,8 @@ from spin_rl.warp_kernels.grid_map.scans import HIT, PASSED, SKIPPED
 
 _SPACING_M = 0.028
 """Of rays that are left out beside others."""
+_UNSEEN_M = 0.25
+"""A ray that does not come back may still hit what it hit so near before: the lidar sees from 0.15 m on."""
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,11 @@ class LidarModel:
 
     Attributes:
         angles: Directions of the rays in the base frame [rad], shape (rays,).
-        hidden: Rays that never come back, shape (rays,), bool.
         position: In the base frame [m], shape (2,).
         far_m: Farthest range [m].
     """
 
     angles: np.ndarray
-    hidden: np.ndarray
     position: np.ndarray
     far_m: float
 
@@ -35,17 +35,17 @@ class LidarModel:
         return self.position + ranges[..., None] * directions
 
     def kinds(self, ranges: np.ndarray) -> np.ndarray:
-        """What beams say, `HIT`, `PASSED` or `SKIPPED`, (n, rays) -> (n, rays), int32."""
-        kinds = np.where(ranges > 0.0, int(HIT), np.where(ranges == 0.0, int(PASSED), int(SKIPPED)))
-        kinds[:, self.hidden] = int(SKIPPED)
-        return kinds.astype(np.int32)
+        """What beams say, `HIT` or `SKIPPED`, (n, rays) -> (n, rays), int32.
+
+        One that does not come back says nothing: what it met may be too far away, or too near.
+        """
+        return np.where(ranges > 0.0, np.int32(HIT), np.int32(SKIPPED))
 
     def limited(self, ranges: np.ndarray, mark_m: float, clear_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Ends in the base frame and kinds of beams that mark and clear only so far [m]."""
         kinds = self.kinds(ranges)
-        kinds[(kinds == int(HIT)) & (ranges > mark_m)] = int(PASSED)
-        reach = np.where(kinds == int(HIT), ranges, np.where(ranges > 0.0, ranges, self.far_m))
-        return self.points(np.minimum(reach, np.where(kinds == int(HIT), mark_m, clear_m))), kinds
+        kinds[ranges > mark_m] = int(PASSED)
+        return self.points(np.clip(ranges, 0.0, clear_m)), kinds
 
 
 class LastTurn:
@@ -74,17 +74,21 @@ class LastTurn:
         self._seen[worlds] = False
 
     def add(self, ranges: np.ndarray, odometry: np.ndarray) -> None:
-        """Take in what a control step has brought.
+        """Take in what a control step has brought; what has come too near to be seen stays.
 
         Args:
             ranges: Of the rays, below 0 where the mirror has not been [m], shape (n, rays).
             odometry: Poses at which they were measured, shape (n, 3).
         """
-        new = ranges >= 0.0
+        away = np.hypot(
+            *np.moveaxis(into_frame(odometry[:, None, :], self._ends) - self._model.position, -1, 0)
+        )
+        stays = (ranges == 0.0) & (self._kinds == int(HIT)) & (away < _UNSEEN_M)
+        new = (ranges >= 0.0) & ~stays
         ends = to_frame_of(odometry[:, None, :], self._model.points(ranges))
         self._ends[new] = ends[new]
         self._kinds[new] = self._model.kinds(ranges)[new]
-        self._seen |= new
+        self._seen |= ranges >= 0.0
 
     def hits(
         self, odometry: np.ndarray, within_m: float, *, thinned: bool = False

@@ -127,6 +127,7 @@ class FollowerSettings:
         margin_m: Least distance to what the scan shows.
         near_m: Distance from which that costs.
         obstacle_m: How much it costs at most.
+        idle_m: What it costs to stand still or to back up, rather than turn or drive forward.
         footprint: Low x and y, high x and y of the stowed robot [m].
     """
 
@@ -141,6 +142,7 @@ class FollowerSettings:
     margin_m: float = 0.02
     near_m: float = 0.15
     obstacle_m: float = 0.3
+    idle_m: float = 2.0
     footprint: tuple[float, float, float, float] = (
         robot.BASE_X_M[0],
         -robot.BASE_HALF_WIDTH_M - 0.009,
