@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from spin_rl import robot
@@ -68,13 +67,13 @@ class LocalizationSettings:
     """
 
     particles: int = 500
-    update_m: float = 0.2
-    update_rad: float = math.pi / 6.0
+    update_m: float = 0.1
+    update_rad: float = 0.25
     resample_interval: int = 2
     beams: int = 60
     z_hit: float = 0.95
     z_rand: float = 0.05
-    sigma_hit_m: float = 0.2
+    sigma_hit_m: float = 0.1
     independence: float = 0.2
     alphas: tuple[float, float, float, float] = (0.2, 0.2, 0.2, 0.2)
     start_error_m: float = 0.1
