@@ -186,9 +186,9 @@ def _draw(count: int, seed: int, report: Report) -> list[Scene]:
     rows: list[list[Scene]] = []
     for number, name in enumerate(SCENES):
         try:
-            trips = draw_trips(place(name), count, NavConfig().scene, seed=seed)
+            trips = draw_trips(place(name), count + max(count // 5, 2), NavConfig().scene, seed=seed)
             trips = [replace(trip, start_joints=stowed.copy()) for trip in trips]
-            thrown = throw_into(trips, Throw(), seed=2 * seed + number)
+            thrown = throw_into(trips, Throw(), count=count, seed=2 * seed + number)
         except ValueError as error:
             raise ConfigError(f"{error} ({name})") from None
         rows += [thrown.static, thrown.dynamic]

@@ -24,6 +24,8 @@ _CELL_M = 0.05
 _MOST_CELLS = 80_000
 _ROUNDS = 40
 _TRIES = 30
+_LEAST_POINTS = 20
+"""Of a way that something can be thrown into, a metre."""
 _BASE_M = 0.35
 """From the base's point to its farthest corner."""
 
@@ -70,29 +72,31 @@ class ThrownTrips:
     dynamic: list[Scene]
 
 
-def throw_into(trips: Sequence[Scene], throw: Throw, *, seed: int) -> ThrownTrips:
+def throw_into(trips: Sequence[Scene], throw: Throw, *, count: int, seed: int) -> ThrownTrips:
     """Throw obstacles into the ways of trips.
 
     Args:
-        trips: Scenes of one pool, in which nothing moves and there is a way.
+        trips: Scenes of one pool, in which nothing moves; those in which no draw leaves a way are left out.
         throw: What to throw.
+        count: How many of them to return, the first ones.
         seed: Random seed; all depends on nothing but the arguments.
 
     Raises:
-        ValueError: There is a trip in which no draw leaves a way.
+        ValueError: There are fewer.
     """
     rng = np.random.default_rng(seed)
     pool = trips[0].pool
     wider = PoolSpec(pool.num_walls, pool.num_boxes + throw.lying, pool.num_cylinders + 1)
     empty = [fit_to_pool(trip, wider) for trip in trips]
     ways = _Ways(empty)
-    paths = ways.paths(empty)
+    ways_of = {i: path for i, path in enumerate(ways.paths(empty)) if path is not None}
     done: dict[int, tuple[Scene, Scene]] = {}
+    hopeful = [i for i, path in ways_of.items() if len(path) > _LEAST_POINTS]
     for _ in range(_ROUNDS):
-        left = [i for i in range(len(empty)) if i not in done]
+        left = [i for i in hopeful if i not in done]
         if not left:
             break
-        static = [_with_boxes(empty[i], paths[i], throw, rng) for i in left]
+        static = [_with_boxes(empty[i], ways_of[i], throw, rng) for i in left]
         found = ways.paths(static)
         dynamic = [
             None if path is None else _with_walker(scene, path, throw, rng)
@@ -104,10 +108,11 @@ def throw_into(trips: Sequence[Scene], throw: Throw, *, seed: int) -> ThrownTrip
         for i, scene, one, path in zip(left, static, dynamic, ways.paths(there), strict=True):
             if one is not None and path is not None:
                 done[i] = scene, one
-    missing = [i for i in range(len(empty)) if i not in done]
-    if missing:
-        raise ValueError(f"scene: obstacles leave no way in {len(missing)} of {len(empty)} trips")
-    pairs = [done[i] for i in range(len(empty))]
+    if len(done) < count:
+        raise ValueError(
+            f"scene: obstacles leave a way in {len(done)} of {len(empty)} trips, {count} are needed"
+        )
+    pairs = [done[i] for i in sorted(done)[:count]]
     return ThrownTrips([static for static, _ in pairs], [dynamic for _, dynamic in pairs])
 
 
@@ -130,10 +135,8 @@ class _Ways:
         return [self._field.path(i) if lengths[i] < UNREACHABLE else None for i in range(count)]
 
 
-def _with_boxes(scene: Scene, path: np.ndarray | None, throw: Throw, rng: np.random.Generator) -> Scene:
+def _with_boxes(scene: Scene, path: np.ndarray, throw: Throw, rng: np.random.Generator) -> Scene:
     """Let boxes lie about the way, clear of start and goal."""
-    if path is None:
-        raise ValueError("scene: a trip has no way before anything is thrown")
     thrown = _copy(scene)
     for slot in range(scene.pool.first_cylinder - throw.lying, scene.pool.first_cylinder):
         half = np.array([*rng.uniform(*throw.half_size, 2), 0.5 * rng.uniform(*throw.height)])

@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
-# pyright: reportCallIssue=false
+# pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Odometry of the base: where wheel encoders say that it is, with errors that grow with the way driven."""
 

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
-# pyright: reportArgumentType=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """A lidar whose rays turn in one horizontal plane, among the slots of all worlds.
 

@@ -21,7 +21,7 @@ CORRIDOR = {
 
 @pytest.fixture(scope="module")
 def thrown():
-    return throw_into([parse_scene(CORRIDOR)] * 6, Throw(), seed=4)
+    return throw_into([parse_scene(CORRIDOR)] * 6, Throw(), count=6, seed=4)
 
 
 def test_a_way_remains_past_what_lies_and_what_has_stepped_in(thrown):
@@ -48,7 +48,7 @@ def test_one_more_moves_and_all_else_is_the_same(thrown):
 
 
 def test_all_depends_on_the_seed_alone(thrown):
-    again = throw_into([parse_scene(CORRIDOR)] * 6, Throw(), seed=4)
+    again = throw_into([parse_scene(CORRIDOR)] * 6, Throw(), count=6, seed=4)
     for first, second in zip(thrown.dynamic, again.dynamic, strict=True):
         np.testing.assert_array_equal(first.pos, second.pos)
 
@@ -60,5 +60,5 @@ def test_a_place_without_room_is_refused():
             {"position": [2.5, -0.4], "size": [7, 0.1, 1]},
         ]
     }
-    with pytest.raises(ValueError, match=r"^scene: obstacles leave no way in 1 of 1 trips"):
-        throw_into([parse_scene(narrow)], Throw(aside=0.05), seed=0)
+    with pytest.raises(ValueError, match=r"^scene: obstacles leave a way in 0 of 1 trips, 1 are needed"):
+        throw_into([parse_scene(narrow)], Throw(aside=0.05), count=1, seed=0)

@@ -66,7 +66,7 @@ class LastTurn:
     @property
     def complete(self) -> np.ndarray:
         """Which worlds' rays have all been measured."""
-        return self._seen.all(axis=1)
+        return np.asarray(self._seen.all(axis=1))
 
     def restart(self, worlds: np.ndarray) -> None:
         """Forget what was measured in some worlds, a mask of shape (n,)."""

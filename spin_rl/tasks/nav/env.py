@@ -95,10 +95,11 @@ class NavEnv(CorridorEnv):
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
-        self.observations = NavObservations(
+        observations = NavObservations(
             self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m, ahead
         )
-        self._make_lidar(cfg)
+        self._make_lidar(cfg, observations)
+        self.observations = observations
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
@@ -139,13 +140,13 @@ class NavEnv(CorridorEnv):
         if scene is not None:
             self.set_scenes([scene[world % len(scene)] for world in range(self.num_envs)])
 
-    def _make_lidar(self, cfg: NavConfig) -> None:
+    def _make_lidar(self, cfg: NavConfig, observations: NavObservations) -> None:
         self.lidar = self._odometry = None
         if cfg.lidar.enabled:
             drawn = {"seed": self._seed, "episode": self._counter}
             self.lidar = Lidar(self.sim, cfg.lidar, **drawn)
             self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
-            self.observations.add_lidar(self.lidar, self._odometry)
+            observations.add_lidar(self.lidar, self._odometry)
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)

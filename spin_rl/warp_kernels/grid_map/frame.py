@@ -1,4 +1,6 @@
-# pyright: reportGeneralTypeIssues=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Where the cells of a grid are, and its values between them."""
 

@@ -1,4 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportArgumentType=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false, reportReturnType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Short drives at constant speeds, weighed by the way left to the goal and the distance to what a scan shows.
 

@@ -1,4 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportArgumentType=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Scans into occupancy grids, as log-odds (Moravec and Elfes 1985; Thrun, Burgard and Fox 2005, chapter 9).
 
