@@ -36,8 +36,8 @@ _PLOTS = (".png", ".pdf", ".svg")
 
 Angle = Annotated[float, Range()]
 
-_AGAIN = ("nav", "pick")
-"""Tasks whose episodes another simulator can run again."""
+_SAME_FETCHES = "place"
+"""The benchmark that tells of another's episodes."""
 
 
 @dataclass(frozen=True)
@@ -165,16 +165,21 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
 
 
 def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], task: Any) -> dict[str, Any]:
-    from spin_rl.benchmark import backend
-    from spin_rl.export.write import export_policy
+    from spin_rl.benchmark.backend import again
+    from spin_rl.export.write import export_fetch, export_policy
     from spin_rl.runners.policy_file import read_policy
 
     with tempfile.TemporaryDirectory() as folder:
-        exported = export_policy(read_policy(options.policy), Path(folder) / "policy.onnx")
-        return backend.evaluate_again(
+        path = Path(folder)
+        if options.benchmark.task == "fetch":
+            export_fetch(options.policy, options.pick, path, task)
+        else:
+            path /= "policy.onnx"
+            export_policy(read_policy(options.policy), path)
+        return again.evaluate_again(
             batched,
             task,
-            exported.path,
+            path,
             backend=str(options.backend),
             renderer=options.renderer,
             processes=options.processes,
@@ -268,7 +273,7 @@ def _check(options: Options, spec: TaskSpec) -> None:
     if options.pick is not None and "pick" not in spec.policies:
         takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
         raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
-    _check_backend(options, spec)
+    _check_backend(options)
     if options.analysis is None:
         if options.plot is not None:
             raise ConfigError("plot: only an analysis draws one, such as analysis=camera")
@@ -287,7 +292,7 @@ def _check(options: Options, spec: TaskSpec) -> None:
             raise ConfigError("plot: needs matplotlib: pip install 'spin-rl[plots]'")
 
 
-def _check_backend(options: Options, spec: TaskSpec) -> None:
+def _check_backend(options: Options) -> None:
     """Reject what cannot be run in another simulator."""
     if options.backend is None:
         for override in options.overrides:
@@ -296,11 +301,11 @@ def _check_backend(options: Options, spec: TaskSpec) -> None:
         return
     if options.analysis is not None:
         raise ConfigError(f"backend: analysis={options.analysis} looks at the batched simulation alone")
-    if spec.name not in _AGAIN:
-        name = options.benchmark.name
-        raise ConfigError(f"backend: benchmark={name} cannot be run in the deploy loop yet")
-    if options.policy in policies.UNTRAINED:
-        raise ConfigError(f"policy: {options.policy} cannot be exported, as backend={options.backend} needs")
+    if options.benchmark.name == _SAME_FETCHES:
+        raise ConfigError(f"backend: benchmark={_SAME_FETCHES} tells of a part alone, say benchmark=fetch")
+    for key, name in (("policy", options.policy), ("pick", options.pick)):
+        if name in policies.UNTRAINED:
+            raise ConfigError(f"{key}: {name} cannot be exported, as backend={options.backend} needs")
 
 
 def _those(fits: Callable[[benchmarks.Benchmark], bool]) -> str:

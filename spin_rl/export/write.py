@@ -89,19 +89,23 @@ def export_policy(policy: TrainedPolicy, path: Path) -> Exported:
     return Exported(path, contract, parity)
 
 
-def export_fetch(nav: str, pick: str | None, folder: Path) -> list[Exported]:
+def export_fetch(
+    nav: str, pick: str | None, folder: Path, config: FetchConfig | None = None
+) -> list[Exported]:
     """Export the two policies of a fetch and `fetch.json`, the settings of its stages.
 
     Args:
         nav: Name or path of the policy that drives.
         pick: Of the one that picks; None takes the shipped one that sees what `nav` sees.
         folder: To write to.
+        config: Settings of the stages; None takes those of the benchmark.
 
     Raises:
         ConfigError: They do not fit each other, or one cannot be exported.
     """
     source = open_for(FETCH, {"policy": nav, "pick": pick})
-    config = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), source.trained, ()))
+    if config is None:
+        config = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), source.trained, ()))
     exported = []
     for name in source.names.values():
         policy = read_policy(name)

@@ -1,0 +1,1 @@
+"""Benchmarks in another simulator: each episode of the batched run once more, by itself, and paired with it."""
