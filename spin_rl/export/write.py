@@ -106,10 +106,13 @@ def export_fetch(
     source = open_for(FETCH, {"policy": nav, "pick": pick})
     if config is None:
         config = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), source.trained, ()))
-    exported = []
-    for name in source.names.values():
-        policy = read_policy(name)
-        exported.append(export_policy(policy, folder / f"{Path(name).stem}.onnx"))
+    stems = [Path(name).stem for name in source.names.values()]
+    if stems[0] == stems[1]:  # such as checkpoints of two runs
+        stems = ["nav", "pick"]
+    exported = [
+        export_policy(read_policy(name), folder / f"{stem}.onnx")
+        for name, stem in zip(source.names.values(), stems, strict=True)
+    ]
     files = [done.path.name for done in exported]
     write_json(folder / "fetch.json", fetch_settings(config, *files))
     return exported

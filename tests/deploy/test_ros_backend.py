@@ -56,6 +56,28 @@ def test_it_switches_the_driver_and_reads_what_it_measures(driver, driving):
     assert not driver.is_up
 
 
+def test_messages_grow_old_whatever_the_computers_clock_says(driver, driving, monkeypatch):
+    opened, _ = connect(driving)
+    driver.age_s = -3600.0  # stamped before the clock was set back
+    time.sleep(0.1)
+    driver.is_up = False  # nothing comes any more
+    time.sleep(0.1)
+    first = opened.state().stamp_s
+    assert first <= opened.clock.now()
+    monkeypatch.setattr(time, "time", lambda: 0.0)
+    assert opened.state().stamp_s == first
+
+
+def test_the_fingers_speed_is_that_of_their_positions(driver, driving):
+    opened, _ = connect(driving)
+    start = time.time()
+    for _ in range(5):
+        driver.pose[fake_ros.FINGER] = 0.1 - 0.5 * (time.time() - start)
+        time.sleep(0.03)
+    velocity = opened.state().joint_velocity[robot.JOINTS.index("gripper_finger")]
+    assert velocity < -0.1 and np.count_nonzero(opened.state().joint_velocity) == 1
+
+
 def test_commands_are_in_the_drivers_order(driver, driving):
     opened, _ = connect(driving)
     values = dict(zip(robot.JOINTS, np.arange(8) / 10, strict=True))
@@ -69,10 +91,10 @@ def test_commands_are_in_the_drivers_order(driver, driving):
 
 def test_targets_move_at_the_joints_speeds(driver, driving):
     opened, _ = connect(driving)
-    times = iter([100.0, 100.1, 100.2])
-    opened.clock.now = lambda: next(times)
+    now = [0.0]
+    opened.clock.now = lambda: now[0]
     lift = []
-    for _ in range(3):
+    for now[0] in (100.0, 100.1, 100.2):
         opened.command(Command(0.0, 0.0, np.full(8, 0.9), np.full(8, 0.5)))
         lift.append(driver.calls[-1][fake_ros.LIFT])
     assert lift == pytest.approx([0.7, 0.75, 0.8])  # from 0.6; of the time before the first, 0.2 s count

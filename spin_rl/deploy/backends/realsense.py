@@ -65,7 +65,8 @@ class RealSense:
         if is_new and (depth := frames.get_depth_frame()):
             if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
                 raise ConfigError("camera: stamps are by its own clock; enable its global time")
-            age_s = time.time() - depth.get_timestamp() / 1000.0
+            # None is from the future, or the last one would stay new if the computer's clock was set back.
+            age_s = max(time.time() - depth.get_timestamp() / 1000.0, 0.0)
             metres = np.asanyarray(depth.get_data()).astype(np.float32) * np.float32(self._scale)
             self._last = DepthFrame(self._clock.now() - age_s, metres)
         return self._last
