@@ -1,9 +1,9 @@
 """stretch_body and pyrealsense2 as far as the back end calls them, written from their documentation.
 
 Positions jump to what was commanded: those of base, lift and arm when `push_command` sends them, those of
-the Dynamixel servos at once; `is_slow` servos need time. As in the library, servos leave out moves by nothing,
-the computer's time is put on every status whether the device answered or not, boards have clocks of their
-own, and the gripper is told and moved in percent, its speed being that of its servo.
+the Dynamixel servos at once; `is_slow` servos need time. As in the library, servos leave out moves by
+nothing, the computer's time is put on every status whether the device answered or not, boards have clocks of
+their own, and the gripper is told and moved in percent, its speed being that of its servo.
 """
 
 import signal

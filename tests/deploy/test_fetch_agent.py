@@ -86,6 +86,16 @@ def test_each_stage_has_its_policy_and_a_policy_begins_without_memory(fetch):
     assert step(agent, at(0.2), told(at=(0.3, 0.0, 0.05)))[0] == PLACED
 
 
+def test_one_of_the_policies_may_see_images(nav_network, pick_network):
+    blind = replace(nav_network.contract.camera, image=None, focal_px=None, range_m=None)
+    nav = ScriptedNetwork(replace(nav_network.contract, camera=blind, depth_filter=None))
+    agent = FetchAgent(Agent(nav), Agent(ScriptedNetwork(pick_network.contract)), RULES)
+    assert agent.reads_images and agent.contract.name == nav.contract.name
+    assert agent.contract.camera == pick_network.contract.camera
+    other = FetchAgent(Agent(ScriptedNetwork(nav_network.contract)), Agent(nav), RULES)
+    assert other.reads_images and other.contract == nav_network.contract
+
+
 def test_targets_go_on_where_the_other_policy_left_them(fetch):
     agent, *_ = fetch
     begin(agent)

@@ -143,10 +143,13 @@ def test_an_interrupt_just_before_signals_are_ignored_does_not_prevent_stopping(
                 os.kill(os.getpid(), signal.SIGINT)
         ignore(signals)
 
+    def fail(fake, state):
+        raise KeyError("a defect")
+
     monkeypatch.setattr(StopSignals, "ignore", late)
-    fake = FakeRobot()
+    fake = FakeRobot(faults={3: fail})
     with pytest.raises(KeyboardInterrupt):
-        run(scripted(), fake, max_s=0.5)
+        run(scripted(), fake)
     assert raised and fake.calls[-1] == "stop" and fake.now_moving.tolist() == [0.0, 0.0]
 
 

@@ -69,9 +69,9 @@ def test_stopping_stands_first_and_keeps_the_grip(fakes, nav_network):
 
 def test_the_fingers_speed_is_in_radians(fakes, nav_network):
     opened, _, body = connect(nav_network.contract)
-    body.end_of_arm.motors["stretch_gripper"].status["vel"] = -2.0
-    at = body.end_of_arm.motors["stretch_gripper"].world_rad_to_pct(1.0) * fake_stretch_body.FINGER_RAD_PER_PCT
-    then = body.end_of_arm.motors["stretch_gripper"].world_rad_to_pct(3.0) * fake_stretch_body.FINGER_RAD_PER_PCT
+    gripper = body.end_of_arm.motors["stretch_gripper"]
+    gripper.status["vel"] = -2.0
+    at, then = (fake_stretch_body.FINGER_RAD_PER_PCT * gripper.world_rad_to_pct(rad) for rad in (1.0, 3.0))
     velocity = opened.state().joint_velocity[robot.JOINTS.index("gripper_finger")]
     assert velocity == pytest.approx(at - then) and velocity < 0.0
 

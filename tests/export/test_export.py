@@ -134,6 +134,18 @@ def test_a_fetch_is_a_bundle(tmp_path):
     assert ranges == [(0.2, 4.0), (0.2, 1.6)]
 
 
+def test_policies_of_a_fetch_may_have_the_same_name(tmp_path):
+    paths = []
+    for name, key in zip(LIKE, ("a", "b"), strict=True):
+        (tmp_path / key).mkdir()
+        paths.append(make_tiny(name, tmp_path).rename(tmp_path / key / "model.safetensors"))
+    files = export_fetch(str(paths[0]), str(paths[1]), tmp_path / "fetch")
+    assert [done.path.name for done in files] == ["nav.onnx", "pick.onnx"]
+    assert [Network(done.path).contract.task for done in files] == ["nav", "pick"]
+    settings = json.loads((tmp_path / "fetch" / "fetch.json").read_text())
+    assert settings["policies"] == {"nav": "nav.onnx", "pick": "pick.onnx"}
+
+
 def test_what_cannot_be_exported_is_refused(tmp_path):
     camera = Network(DATA / "tiny_nav.onnx").contract.camera
     with pytest.raises(ConfigError, match="reads 'privileged', which cannot be exported"):

@@ -1,1 +1,1 @@
-"""Benchmarks in another simulator: each episode of the batched run once more, by itself, and paired with it."""
+"""Benchmarks in another simulator: episodes of the batched run once more, each by itself, in pairs."""

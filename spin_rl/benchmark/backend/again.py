@@ -49,15 +49,13 @@ _KINDS: Mapping[type, tuple[Any, Callable[[Any, float], dict[str, Any]]]] = {
 }
 """Of every task the class that holds its episodes, and what sums them up."""
 _RUNSTOP = "runstop"
-_OUTCOMES: Mapping[str, int] = {
+_OUTCOMES: Mapping[str, Any] = {
     ARRIVED: episode.SUCCESS,
     stages.PLACED: episode.SUCCESS,
     stages.HIT: episode.COLLISION,
     stages.DROPPED: int(pick_episode.DROPPED),
     **dict.fromkeys((TIME_OVER, *stages.NO_TIME.values()), episode.TIMEOUT),
-    **dict.fromkeys(
-        ("the robot's state is not finite", "the action is not finite"), episode.NON_FINITE
-    ),
+    **dict.fromkeys(("the robot's state is not finite", "the action is not finite"), episode.NON_FINITE),
 }
 """Outcomes by the reasons of the control loop; the runstop is pressed by the umpire, who knows why."""
 _SECONDS_BETWEEN_REPORTS = 5.0
@@ -87,8 +85,8 @@ def evaluate_again(
     Returns:
         The result of `evaluate`, but that `rows` and `overall` are of the other simulator. Each has its row
         of the batched run as `batched` (`overall` its success rate alone), and `difference`: success there
-        minus batched, see `metrics.paired_difference`. So have the `objects` of a fetch. Further `backend`, `renderer`, `timestep_s` and
-        `backend_seconds`.
+        minus batched, see `metrics.paired_difference`. So have the `objects` of a fetch. Further `backend`,
+        `renderer`, `timestep_s` and `backend_seconds`.
 
     Raises:
         ConfigError: The file does not fit the task.

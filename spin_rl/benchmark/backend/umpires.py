@@ -146,9 +146,9 @@ class PickUmpire:
 
 
 class FetchUmpire:
-    """Counts what becomes of a fetch; ends it with a touch while a policy drives, as `tasks.fetch.stages` does.
+    """Counts what becomes of a fetch; ends it with a touch while a policy drives.
 
-    All else that ends a fetch is the agent's.
+    So does `tasks.fetch.stages`. All else that ends a fetch is the agent's.
 
     Attributes:
         outcome: Of a fetch that is ended here.
