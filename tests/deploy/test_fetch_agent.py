@@ -151,9 +151,16 @@ def test_bundles_are_read_and_checked(tmp_path):
         open_agent(tmp_path / BUNDLE), FetchAgent
     )
     assert [file.name for file in files_of(tmp_path)] == [BUNDLE, "tiny_nav.onnx", "tiny_pick.onnx"]
-    (tmp_path / BUNDLE).write_text(json.dumps({**values, "settings": {**SETTINGS, "retries": "many"}}))
-    with pytest.raises(ConfigError, match="retries: expected a whole number"):
-        open_agent(tmp_path)
+    limits = {name: value for name, value in SETTINGS["limits"].items() if name != "reach"}
+    swapped = {"nav": "tiny_pick.onnx", "pick": "tiny_nav.onnx"}
+    for changes, message in [
+        ({"settings": SETTINGS | {"retries": "many"}}, r"fetch\.json: retries: expected a whole number"),
+        ({"settings": SETTINGS | {"limits": limits}}, r"fetch\.json: limits: needs reach, "),
+        ({"policies": swapped}, r"fetch\.json: nav is a policy of task=pick"),
+    ]:
+        (tmp_path / BUNDLE).write_text(json.dumps(values | changes))
+        with pytest.raises(ConfigError, match=message):
+            open_agent(tmp_path)
     (tmp_path / BUNDLE).write_text(json.dumps({"policies": {}}))
     with pytest.raises(ConfigError, match=r"fetch\.json is no fetch of spin-export"):
         open_agent(tmp_path)

@@ -68,14 +68,20 @@ def test_messages_grow_old_whatever_the_computers_clock_says(driver, driving, mo
     assert opened.state().stamp_s == first
 
 
-def test_the_fingers_speed_is_that_of_their_positions(driver, driving):
+def test_the_fingers_speed_is_that_of_their_positions(driver, driving, monkeypatch):
     opened, _ = connect(driving)
-    start = time.time()
-    for _ in range(5):
-        driver.pose[fake_ros.FINGER] = 0.1 - 0.5 * (time.time() - start)
-        time.sleep(0.03)
-    velocity = opened.state().joint_velocity[robot.JOINTS.index("gripper_finger")]
-    assert velocity < -0.1 and np.count_nonzero(opened.state().joint_velocity) == 1
+    driver.is_up = False
+    time.sleep(0.1)  # its own thread is done
+    start = time.time() + 1.0
+    for i in range(3):
+        monkeypatch.setattr(time, "time", lambda i=i: start + 0.03 * i)
+        driver.pose[fake_ros.FINGER] = 0.1 - 0.015 * i
+        driver.publish_all()
+    velocity = opened.state().joint_velocity
+    assert velocity[robot.JOINTS.index("gripper_finger")] == pytest.approx(-0.5, abs=1e-3)
+    assert np.count_nonzero(velocity) == 1
+    driver.publish_all()  # the same message once more
+    np.testing.assert_array_equal(opened.state().joint_velocity, velocity)
 
 
 def test_commands_are_in_the_drivers_order(driver, driving):

@@ -151,8 +151,15 @@ def open_agent(path: Path, speed_scale: float = 1.0) -> Agent | FetchAgent:
         files = [bundle.parent / names[name] for name in ("nav", "pick")]
     except (OSError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise ConfigError(f"policy: {bundle} is no fetch of spin-export: {error}") from None
+    try:
+        rules = from_keys(Rules, settings)
+    except ConfigError as error:
+        raise ConfigError(f"policy: {bundle}: {error}") from None
     nav, pick = (Agent(Network(file), speed_scale) for file in files)
-    return FetchAgent(nav, pick, from_keys(Rules, settings))
+    for agent, task in ((nav, "nav"), (pick, "pick")):
+        if agent.contract.task != task:
+            raise ConfigError(f"policy: {bundle}: {task} is a policy of task={agent.contract.task}")
+    return FetchAgent(nav, pick, rules)
 
 
 def files_of(path: Path) -> list[Path]:

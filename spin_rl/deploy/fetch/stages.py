@@ -39,6 +39,11 @@ class Rules:
     carry_moves: tuple[str, ...]
     carry_lift_m: float
 
+    def __post_init__(self) -> None:
+        """Reject limits of other stages."""
+        if set(self.limits) != set(n.STAGES):
+            raise ValueError(f"limits: needs {', '.join(n.STAGES)}, got {', '.join(self.limits)}")
+
     def is_lifted(self, height: float, grip: Grip) -> bool:
         """Whether the object is held up, `height` [m] over where it stood."""
         presses = sum(grip.fingers_n) > self.grasp_force_n and min(grip.fingers_n) > self.finger_force_n
