@@ -154,15 +154,21 @@ class Camera:
 
     def __init__(self):
         self.raw, self.frames, self.domain, self.is_lost, self.stopped = 2000, 1 << 30, "global", False, False
-        self.age_s = 0.03
+        self.age_s, self.names, self.used = 0.03, ["Intel RealSense D405", "Intel RealSense D435I"], ""
 
     def module(self):
         library = ModuleType("pyrealsense2")
         library.stream, library.format = SimpleNamespace(depth="depth"), SimpleNamespace(z16="z16")
+        library.camera_info = SimpleNamespace(name="name", serial_number="number")
+        devices = [SimpleNamespace(get_info=dict(name=n, number=n[-4:]).get) for n in self.names]
+        library.context = lambda: SimpleNamespace(query_devices=lambda: devices)
         library.timestamp_domain = SimpleNamespace(hardware_clock="hardware")
         library.pipeline, library.config = lambda: self, lambda: self
         library.rs2_fov = lambda intrinsics: [87.0, 58.0]
         return library
+
+    def enable_device(self, number):
+        self.used = number
 
     def enable_stream(self, stream, width, height, kind, rate):
         self.size = (height, width)

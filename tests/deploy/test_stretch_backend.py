@@ -127,6 +127,18 @@ def test_images_are_metres_and_as_old_as_they_are(fakes, nav_network):
         opened.depth()
 
 
+def test_the_camera_is_the_heads(fakes, nav_network):
+    connect(nav_network.contract)
+    assert fakes[1].used == "435I"
+
+
+def test_without_the_heads_camera_there_is_none(monkeypatch, fakes, nav_network):
+    fakes[1].names.pop()
+    monkeypatch.setitem(sys.modules, "pyrealsense2", fakes[1].module())
+    with pytest.raises(ConfigError, match="no D435i, only Intel RealSense D405"):
+        connect(nav_network.contract)
+
+
 def test_the_loop_drives_it_and_leaves_it_standing(fakes, scripted):
     agent = scripted((1.0, *[0.0] * 9))
     opened, connection, body = connect(agent.contract)

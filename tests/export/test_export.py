@@ -168,6 +168,9 @@ def test_the_command_writes_and_shows(tmp_path, monkeypatch, capsys):
     call(monkeypatch, f"show={out}")
     shown = capsys.readouterr().out
     assert "tiny_nav: task nav, 10 Hz" in shown and "Checked: 500 steps" in shown
+    (out.parent / "fetch.json").write_text('{"stages": []}')
+    call(monkeypatch, f"show={out.parent}")
+    assert capsys.readouterr().out == '{"stages": []}\n' + shown
 
 
 @pytest.mark.parametrize(
@@ -179,6 +182,12 @@ def test_the_command_writes_and_shows(tmp_path, monkeypatch, capsys):
         (["policy=nav-cvo", "out=x.pt"], "out: a policy's file is named <name>.onnx"),
         (["policy=pick-depth", "fetch=true"], "was trained with task=pick"),
         (["show=none.onnx"], "there is no file none.onnx"),
+        (["show=none.onnx", "policy=nav-cvo"], "show: exports nothing, leave policy= out"),
+        ([f"show={DATA.parent}"], "holds no exported policy"),
+        (
+            ["policy=nav-cvo", "fetch=true", f"out={DATA / 'tiny_nav.onnx'}"],
+            "tiny_nav.onnx is a file; a fetch",
+        ),
     ],
 )
 def test_bad_input_is_one_line(monkeypatch, capsys, arguments, message):

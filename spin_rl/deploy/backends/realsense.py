@@ -1,6 +1,6 @@
 """The depth camera of a Stretch by pyrealsense2: all calls of that library. Never tried on a camera.
 
-Written from the library's documentation (version 2.59): `pipeline`, `config`, `try_wait_for_frames`.
+Written from the library's documentation (2.59): `context`, `pipeline`, `config`, `try_wait_for_frames`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from spin_rl.extras import require
 
 _RATE_HZ = 30
 _NO_WAIT_MS = 1
+_HEAD_CAMERA = "D435"
+"""Part of its name; a Stretch 3 has another camera at the gripper, whose view is as wide."""
 
 
 class RealSense:
@@ -40,6 +42,7 @@ class RealSense:
         """
         rs, (width, height) = self._rs, self._size
         pipeline, config = rs.pipeline(), rs.config()
+        config.enable_device(self._serial_number())
         config.enable_stream(rs.stream.depth, width, height, rs.format.z16, _RATE_HZ)
         try:
             profile = pipeline.start(config)
@@ -50,6 +53,16 @@ class RealSense:
         stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
         across, down = rs.rs2_fov(stream.get_intrinsics())
         return CameraInfo("portrait", width, height, (float(across), float(down)))
+
+    def _serial_number(self) -> str:
+        info = self._rs.camera_info
+        names = {}
+        for device in self._rs.context().query_devices():
+            names[device.get_info(info.name)] = device.get_info(info.serial_number)
+        for name, number in names.items():
+            if _HEAD_CAMERA in name:
+                return number
+        raise ConfigError(f"camera: there is no {_HEAD_CAMERA}i, only {', '.join(names) or 'none'}")
 
     def frame(self) -> DepthFrame | None:
         """Return the latest image, however old.
