@@ -20,6 +20,7 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.deploy.backends.dry_run import DryRun
+from spin_rl.deploy.backends.ros_messages import metres, seconds
 from spin_rl.deploy.clock import MonotonicClock
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import (
@@ -192,7 +193,7 @@ class RosRobot:
     def depth(self) -> DepthFrame | None:
         """Return the latest image."""
         message = self._latest.get("depth")
-        return None if message is None else DepthFrame(self._stamps["depth"], _metres(message))
+        return None if message is None else DepthFrame(self._stamps["depth"], metres(message))
 
     def command(self, command: Command) -> None:
         """Publish speeds and targets; the driver knows no speeds of joints, so targets move at them."""
@@ -246,7 +247,7 @@ class RosRobot:
     def _velocity_of_fingers(self, message: Any) -> float:
         """Return how fast the fingers open [rad/s]; what the driver tells is no speed of theirs."""
         before = self._latest.get("joint_states")
-        if before is None or (passed_s := _seconds(message) - _seconds(before)) <= 0.0:
+        if before is None or (passed_s := seconds(message) - seconds(before)) <= 0.0:
             return self._finger_velocity
         now, then = (
             dict(zip(m.name, m.position, strict=True)).get(_NAMES["gripper_finger"], 0.0)
@@ -280,7 +281,7 @@ class RosRobot:
 
     def _arrived_s(self, message: Any) -> float:
         """Return when a message that has just come was stamped, by the clock that is never set [s]."""
-        age_s = self._node.get_clock().now().nanoseconds * 1e-9 - _seconds(message)
+        age_s = self._node.get_clock().now().nanoseconds * 1e-9 - seconds(message)
         # None is from the future, or the last one would stay new if the computer's clock was set back.
         return self.clock.now() - max(age_s, 0.0)
 
@@ -291,24 +292,3 @@ class RosRobot:
             for size, focal in ((info.width, info.k[0]), (info.height, info.k[4]))
         )
         return CameraInfo("portrait", info.width, info.height, (across, down))
-
-
-def _seconds(message: Any) -> float:
-    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-
-
-def _metres(message: Any) -> np.ndarray:
-    """Read a depth image of `sensor_msgs/Image`, shape (height, width) [m], float32.
-
-    Raises:
-        ConfigError: It is encoded otherwise than REP 118 has depth images.
-    """
-    kinds = {"16UC1": ("u2", 1e-3), "32FC1": ("f4", 1.0)}
-    if message.encoding not in kinds:
-        raise ConfigError(f"robot.depth: images are {message.encoding!r}, expected one of {', '.join(kinds)}")
-    kind, scale = kinds[message.encoding]
-    order = ">" if message.is_bigendian else "<"
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
-    size = np.dtype(kind).itemsize * message.width
-    values = np.ascontiguousarray(rows[:, :size]).view(f"{order}{kind}")
-    return values.astype(np.float32) * np.float32(scale)
