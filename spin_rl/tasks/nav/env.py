@@ -95,7 +95,15 @@ class NavEnv(CorridorEnv):
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         noisy_map = self._make_map(cfg)
         self.observations = NavObservations(
-            self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m, ahead, noisy_map
+            self.sim,
+            self.goal,
+            self.scandots,
+            cfg.noise,
+            seed,
+            self.depth,
+            cfg.goal_range_m,
+            ahead,
+            noisy_map,
         )
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
