@@ -82,7 +82,7 @@ def _of_training(steps: Steps, step: Training) -> State:
         return State(status, summary["minutes"], summary["env_steps"], summary["success_rate"])
     if has_checkpoint(run_dir):
         return State("partial")
-    # Its run may be gone, or on another machine: then nothing needs it where all that was made of it is there.
+    # Its run may be gone, or on another machine: nothing needs it where all that was made of it is there.
     users = [other for other in steps.by_name.values() if step.name in steps.needs(other)]
     if not users or not all(is_done(steps, user) for user in users):
         return State("missing")

@@ -40,9 +40,9 @@ ERRORS = {
     "small": MapErrors((0.004, 0.005, 0.04, 0.04, 0.04, 0.01, 0.1, 0.1)),
     "large": MapErrors((0.004, 0.3, 0.2, 0.1, 0.1, 0.03, 0.1, 0.1)),
 }
-"""Kinds of maps by name: the three that Miki et al. train with, the two that they test with, and an exact one."""
+"""Kinds of maps by name: an exact one, the three that Miki et al. train with, and the two of their tests."""
 MIXTURE = {"nominal": 0.6, "offset": 0.3, "noisy": 0.1}
-"""Shares of the kinds in training, drawn at the start and in the middle of every episode (Miki et al. 2022)."""
+"""Shares of the kinds, drawn at the start and in the middle of every episode (Miki et al. 2022)."""
 
 MapName = Annotated[str, Choice(("mixture", *ERRORS))]
 
