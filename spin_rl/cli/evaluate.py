@@ -104,12 +104,19 @@ def main() -> None:
         "eval",
         evaluate,
         lambda given: with_task([common.scene_file_argument(a) for a in given]),
-        common.keys_of(Options, common.TASK_GROUPS),
+        common.keys_of(Options, {*common.TASK_GROUPS, "table", "fresh"}),
     )
 
 
 def evaluate(call: common.Call) -> bool:
-    """Run the benchmark or analysis that was asked for, print its table and write its JSON."""
+    """Run the benchmark or analysis that was asked for, print its table and write its JSON.
+
+    With `table`, print a table of stored results instead.
+    """
+    if call.values["table"] is not None:
+        from spin_rl.cli import tables
+
+        return tables.show(call)
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
     spec.check(call.values)

@@ -18,6 +18,7 @@ from typing import Any
 from spin_rl.config import ConfigError
 from spin_rl.files import write_json
 from spin_rl.machine import commit, hardware
+from spin_rl.reproduce.curve import read_curve
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
 from spin_rl.reproduce.state import (
     command_of,
@@ -91,6 +92,21 @@ class Runner:
             self.report(f"  done after {(time.monotonic() - start) / 60:.1f} min")
         return True
 
+    def measure_again(self, chosen: Sequence[Evaluation]) -> None:
+        """Run evaluations whose results are there already.
+
+        Raises:
+            ConfigError: One failed, or the run of a training is not there any more.
+        """
+        for step in chosen:
+            for name in self.steps.needs(step):
+                if not has_checkpoint(self.steps.run_dir(name)):
+                    raise ConfigError(f"fresh: {step.name} needs the run {self.steps.run_dir(name)}")
+        for first in range(0, len(chosen), self.processes):
+            batch = chosen[first : first + self.processes]
+            self.report(f"{', '.join(step.name for step in batch)}: about {batch[0].minutes:.0f} min")
+            self._measure(batch)
+
     def _minutes_left(self) -> float:
         gone = (time.monotonic() - self._start) / 60.0
         return math.inf if self.minutes is None else self.minutes - gone
@@ -163,6 +179,7 @@ def describe(steps: Steps, step: Training) -> dict[str, Any]:
         **{key: summary[key] for key in kept},
         "commits": list(dict.fromkeys(call["commit"] for call in calls)),
         "hardware": calls[-1]["hardware"],
+        "curve": read_curve(run_dir),
         "needs": [
             describe(steps, other)
             for other in (steps.by_name[name] for name in steps.needs(step))

@@ -85,7 +85,7 @@ def parts_of(errors, steps):
 def test_sizes_are_those_of_the_table(device, name):
     point_xy, point_z, frame_xy, frame_z, outlier, share, offset_xy, offset_z = TABLE[name]
     shift, points = parts_of(Worlds(name, device), steps=12)
-    # Of all points of a world together: the offset is the same in all steps, the frame's error is new in each.
+    # Of all points of a world together: the offset stays in all steps, the frame's error is new in each.
     over_steps = shift.var(axis=0, ddof=1).mean(axis=0)
     between = shift.mean(axis=0).var(axis=0) - over_steps / len(shift)
     tolerance = {"rel": 0.12, "abs": 0.003}
@@ -108,7 +108,7 @@ def test_an_outlier_moves_in_all_directions_at_once(device):
 
 
 def test_an_offset_stays_where_it_is_in_the_world(device):
-    """As the robot turns, the errors turn against it; a new episode has others, the neighbours keep theirs."""
+    """As the robot turns, the errors turn against it; a new episode has others, neighbours keep theirs."""
     worlds = Worlds("nominal", device)
     before = np.median(known(worlds.read()[0]), axis=1)
     yaw = 1.1
