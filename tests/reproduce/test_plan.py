@@ -100,7 +100,11 @@ def test_trainings_come_before_what_needs_them_and_seeds_go_together(steps):
 
 
 def test_only_takes_what_is_needed_too(steps):
-    assert [step.name for step in steps.chosen(["reach/second-2"])] == ["first-2", "second-2", "reach/second-2"]
+    assert [step.name for step in steps.chosen(["reach/second-2"])] == [
+        "first-2",
+        "second-2",
+        "reach/second-2",
+    ]
     assert len(steps.chosen(None)) == 7
     with pytest.raises(ConfigError, match="only: no step has 'third'"):
         steps.chosen(["third"])
@@ -110,7 +114,10 @@ def test_only_takes_what_is_needed_too(steps):
     ("change", "message"),
     [
         ({"trainings": [{"name": "a", "seeds": [1], "budget": "big"}]}, "unknown budget 'big'"),
-        ({"trainings": [{"name": "a", "seeds": [1], "arguments": ["teacher={b}"]}]}, "needs the training b-1"),
+        (
+            {"trainings": [{"name": "a", "seeds": [1], "arguments": ["teacher={b}"]}]},
+            "needs the training b-1",
+        ),
         ({"trainings": [{"name": "a", "seeds": [1]}, {"name": "a", "seeds": [1]}]}, "a-1 is there twice"),
         ({"trainings": [{"name": "a"}]}, r"trainings\[0\].seeds: a value is needed"),
         ({"trainigs": []}, "trainigs: unknown key"),
