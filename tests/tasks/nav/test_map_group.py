@@ -1,4 +1,4 @@
-"""A noisy map as an observation group: on where it is wanted, by the task's own counters, nothing else changed."""
+"""A noisy map as an observation group: on where it is wanted, and without effect on anything else."""
 
 from dataclasses import replace
 
