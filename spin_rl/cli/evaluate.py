@@ -20,6 +20,7 @@ from spin_rl.deploy.backends.renderers import RENDERERS
 from spin_rl.extras import require
 from spin_rl.files import write_json
 from spin_rl.ranges import Seed
+from spin_rl.reproduce.tables.registry import TABLES
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -79,6 +80,8 @@ class Options:
         backend: Another simulator to run the same episodes in, or None.
         renderer: What makes depth images there.
         processes: How many run episodes there at the same time.
+        table: A table of stored results in place of all else, or None; see `cli.tables`.
+        fresh: Whether it is measured again.
         analysis: One of `ANALYSES`, or None.
         plot: Drawing to write, or None.
         videos: Folder for short videos of what an analysis found, or None.
@@ -99,6 +102,8 @@ class Options:
     backend: Annotated[str, Choice(tuple(backend_report.BACKENDS))] | None
     renderer: Annotated[str, Choice(RENDERERS)]
     processes: Annotated[int, Range(1)]
+    table: Annotated[str, Choice(tuple(TABLES))] | None
+    fresh: bool
     analysis: Annotated[str, Choice(ANALYSES)] | None
     plot: Path | None
     videos: Path | None
@@ -113,7 +118,7 @@ def main() -> None:
         "eval",
         evaluate,
         lambda given: with_task([common.scene_file_argument(a) for a in given]),
-        common.keys_of(Options, {*common.TASK_GROUPS, "table", "fresh"}),
+        common.keys_of(Options, common.TASK_GROUPS),
     )
 
 
@@ -306,6 +311,8 @@ def _check(options: Options, spec: TaskSpec) -> None:
         takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
         raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
     _check_backend(options, spec)
+    if options.fresh:
+        raise ConfigError(f"fresh: needs table=<name>, of {', '.join(TABLES)}")
     if options.videos is not None:
         _check_videos(options)
     if options.analysis is None:

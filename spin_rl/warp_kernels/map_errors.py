@@ -1,5 +1,6 @@
 # pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
 # pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportAssignmentType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Errors of a map: scandot tokens as a robot would read them from one that it made itself.
 

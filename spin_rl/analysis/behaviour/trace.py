@@ -114,7 +114,7 @@ class DriveTrace:
         yaw = self.qpos[:, 2]
         heading = np.stack([np.cos(yaw), np.sin(yaw)], -1)
         points = self.qpos[:, None, :2] + ahead[:, None] * heading[:, None]
-        return (self.distance(slot, points) <= _STRIP_M).any(1)
+        return self.distance(slot, points).min(1) <= _STRIP_M
 
     def bearing(self, slots: np.ndarray) -> np.ndarray:
         """Direction of a slot of every observation from the base [rad], positive to the left, shape (n,)."""
