@@ -109,7 +109,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
         axis.bar(labels, heights, color="#16697a")
         axis.set_title(f"{values['name']}\n{_difference(values)}", fontsize=9)
         axis.set_ylabel(f"mean [{values['unit']}]")
-        axis.tick_params(axis="x", labelsize=7)
+        axis.tick_params(axis="x", labelsize=7, rotation=15)
         axis.axhline(0.0, color="0.5", linewidth=0.8)
     _draw_counts(last, result["behaviours"])
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -127,4 +127,4 @@ def _draw_counts(axis: Any, behaviours: dict[str, dict[str, Any]]) -> None:
         left = {name: left[name] + behaviours[name][key] for name in behaviours}
     axis.invert_yaxis()
     axis.set_title("situations", fontsize=9)
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=8, loc="center right")
