@@ -48,6 +48,7 @@ def rows_of(kind, success):
             "final_distance_m": 0.3,
             "timeout_rate": 0.01,
             "collisions": 1.5,
+            "place": {"succeeded": success(cell)},
         }
         for cell in cells
     ]
@@ -70,7 +71,13 @@ def store_all(steps, success):
             "step": state.planned(step),
             "minutes": 2.0,
             "trainings": [training(steps, name) for name in steps.needs(step)],
-            "result": {"rows": rows, "seeds": [0, 1, 2], "commit": "abc"},
+            "result": {
+                "rows": rows,
+                "seeds": [0, 1, 2],
+                "commit": "abc",
+                "pick": "pick-teacher",
+                "overall": {"pick": {"succeeded": 300, "tried": 400}},
+            },
         }
         file = state.result_file(step.name)
         file.parent.mkdir(parents=True, exist_ok=True)

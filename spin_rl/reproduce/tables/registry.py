@@ -20,6 +20,7 @@ def _make(module: str, name: str) -> Callable[[Stored], Table]:
 TABLES: Mapping[str, Callable[[Stored], Table]] = MappingProxyType(
     {
         "1": _make("corridors", "table_1"),
+        "place": _make("fetches", "place"),
         "fixcam": _make("corridors", "fixcam"),
         "visibility": _make("visibility", "visibility"),
         "dynamic": _make("dynamic", "dynamic"),
