@@ -11,8 +11,9 @@ from spin_rl.cli import common
 from spin_rl.config import ConfigError, Range, from_keys
 from spin_rl.machine import num_cores
 from spin_rl.ranges import Minutes
-from spin_rl.reproduce import run as running
+from spin_rl.reproduce.listing import progress
 from spin_rl.reproduce.plan import read_steps
+from spin_rl.reproduce.run import Runner
 
 _MOST_PROCESSES = 2
 """More than two processes give other batches than the measured ones; `processes=` still takes any number."""
@@ -44,13 +45,13 @@ def reproduce(call: common.Call) -> bool:
     options = read_options(call.values)
     steps = read_steps(options.plan, options.runs)
     chosen = steps.chosen(options.only)
-    print(running.progress(steps, chosen))
+    print(progress(steps, chosen))
     if not options.run:
         print("run=true runs what is missing")
         return False
     processes = options.processes or min(num_cores(), _MOST_PROCESSES)
-    whole = running.Runner(steps, processes, options.minutes).run(chosen)
-    print(running.progress(steps, chosen))
+    whole = Runner(steps, processes, options.minutes).run(chosen)
+    print(progress(steps, chosen))
     return not whole
 
 

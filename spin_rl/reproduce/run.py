@@ -19,6 +19,7 @@ from spin_rl.config import ConfigError
 from spin_rl.files import write_json
 from spin_rl.machine import commit, hardware
 from spin_rl.reproduce.curve import read_curve
+from spin_rl.reproduce.listing import duration
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
 from spin_rl.reproduce.state import (
     command_of,
@@ -26,7 +27,6 @@ from spin_rl.reproduce.state import (
     is_done,
     planned,
     result_file,
-    state_of,
 )
 from spin_rl.tasks.common.compose import compose
 
@@ -79,7 +79,7 @@ class Runner:
             ahead = sum(step.minutes for step in (*batch, *todo))
             self.report(
                 f"{', '.join(step.name for step in batch)}: about {expected:.0f} min; "
-                f"about {_duration(ahead)} for all that is left"
+                f"about {duration(ahead)} for all that is left"
             )
             start = time.monotonic()
             if isinstance(batch[0], Training):
@@ -242,39 +242,3 @@ def _wait(processes: Sequence[subprocess.Popen[bytes]], names: Sequence[str]) ->
     for code, name in zip(codes, names, strict=True):
         if code:
             raise ConfigError(f"run: {name} ended with status {code}")
-
-
-def _duration(minutes: float) -> str:
-    hours, rest = divmod(round(minutes), 60)
-    return f"{hours} h {rest:02d} min" if hours else f"{rest} min"
-
-
-def progress(steps: Steps, chosen: Sequence[Step]) -> str:
-    """The list of steps: what is done, what is missing, and how long it takes."""
-    rows = [("step", "state", "samples", "time", "success", "")]
-    left = 0.0
-    count = 0
-    group = ""
-    lines: list[tuple[str, ...] | str] = []
-    for step in chosen:
-        if step.group != group:
-            group = step.group
-            lines.append(f"{group}: {step.claim}")
-        state = state_of(steps, step)
-        is_missing = state.status != "done"
-        done_part = min(1.0, (state.env_steps or 0) / step.env_steps) if isinstance(step, Training) else 0.0
-        left += step.minutes * (1.0 - done_part) if is_missing else 0.0
-        count += not is_missing
-        time_text = f"about {step.minutes:.0f} min" if state.minutes is None else f"{state.minutes:.1f} min"
-        samples = "" if state.env_steps is None else f"{state.env_steps / 1e6:.2f} M"
-        success = "" if state.success is None else f"{state.success:.2f}"
-        lines.append((f"  {step.name}", state.status, samples, time_text, success, command_of(steps, step)))
-    table = [line for line in (rows[0], *lines) if isinstance(line, tuple)]
-    widths = [max(len(row[i]) for row in table) for i in range(5)]
-    text = [
-        line
-        if isinstance(line, str)
-        else "  ".join([*(cell.ljust(w) for cell, w in zip(line, widths, strict=False)), line[5]]).rstrip()
-        for line in (rows[0], *lines)
-    ]
-    return "\n".join([*text, f"{count} of {len(chosen)} steps done; about {_duration(left)} left"])

@@ -7,8 +7,9 @@ import pytest
 from spin_rl.cli import common, evaluate, train
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
+from spin_rl.reproduce.listing import progress
 from spin_rl.reproduce.plan import Evaluation, Training, read_steps
-from spin_rl.reproduce.run import iterations, progress
+from spin_rl.reproduce.run import iterations
 from spin_rl.runners.config import check_config
 from spin_rl.tasks.common.compose import compose, with_depth
 from spin_rl.tasks.registry import find_task
