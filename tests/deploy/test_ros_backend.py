@@ -153,7 +153,7 @@ def test_the_loop_drives_it_and_leaves_it_standing(driver, scripted, driving):
     agent = scripted((1.0, *[0.0] * 9), camera=driving.camera, depth_filter=None)
     opened, connection = connect(agent.contract)
     outcome = ControlLoop(opened, connection, agent).run(0.25, FAR)
-    assert outcome.reason == TIME_OVER and outcome.steps + outcome.missed == 3 and outcome.steps > 0
+    assert outcome.reason == TIME_OVER and 0 < outcome.steps <= 3
     speeds = [call[0] for call in driver.calls if isinstance(call, tuple)]
     driven = [0.2, 0.4, 0.6][: outcome.steps]
     assert speeds[: len(driven)] == pytest.approx(driven) and set(speeds[len(driven) :]) == {0.0}

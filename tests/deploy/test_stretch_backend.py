@@ -146,7 +146,7 @@ def test_the_loop_drives_it_and_leaves_it_standing(fakes, scripted):
         (body.head if "head" in name else body.end_of_arm).motors.get(name, body.lift).status["pos"] = value
     body.lift.status["pos"], body.arm.status["pos"] = robot.STOWED["lift"], 0.0
     outcome = ControlLoop(opened, connection, agent).run(0.25, FAR)
-    assert outcome.reason == TIME_OVER and outcome.steps + outcome.missed == 3 and outcome.steps > 0
+    assert outcome.reason == TIME_OVER and 0 < outcome.steps <= 3
     speeds = [call[1] for call in body.calls if call[0] == "base"]
     driven = [0.2, 0.4, 0.6][: outcome.steps]
     assert speeds == pytest.approx([*driven, *[0.0] * (len(speeds) - len(driven))]) and speeds[-1] == 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.sensors.noisy_map import MapConfig
 from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
@@ -34,6 +35,7 @@ class NavConfig(CorridorConfig):
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
         scene: Parameters of the layout generator.
         noise: Sensor noise.
+        map: A noisy map as an observation group (paper, baseline Mapping).
     """
 
     stop_on_collision: bool = True
@@ -45,6 +47,7 @@ class NavConfig(CorridorConfig):
     )
     scene: GeneratorParams = field(default_factory=GeneratorParams)
     noise: NavNoise = field(default_factory=NavNoise)
+    map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""

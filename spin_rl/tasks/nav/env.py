@@ -14,6 +14,7 @@ from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
 from spin_rl.sensors.clearance import Clearance
+from spin_rl.sensors.noisy_map import NoisyMap
 from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
@@ -92,13 +93,25 @@ class NavEnv(CorridorEnv):
         needs_clearance = "clearance" in self._reward_scales
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
+        noisy_map = self._make_map(cfg)
         self.observations = NavObservations(
-            self.sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m, ahead
+            self.sim,
+            self.goal,
+            self.scandots,
+            cfg.noise,
+            seed,
+            self.depth,
+            cfg.goal_range_m,
+            ahead,
+            noisy_map,
         )
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
-            seed, capture, sensors=(self.scandots, ahead, self.depth), step_sensors=(self._clearance,)
+            seed,
+            capture,
+            sensors=(self.scandots, noisy_map, ahead, self.depth),
+            step_sensors=(self._clearance,),
         )
 
     def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
@@ -131,6 +144,21 @@ class NavEnv(CorridorEnv):
         self.max_episode_length = most_steps(self._ways, cfg.dynamics.speed_scale[0])
         if scene is not None:
             self.set_scenes([scene[world % len(scene)] for world in range(self.num_envs)])
+
+    def _make_map(self, cfg: NavConfig) -> NoisyMap | None:
+        if not cfg.map.enabled:
+            return None
+        return NoisyMap(
+            self.scandots.all,
+            cfg.map.errors,
+            seed=self._seed,
+            episode=self._counter,
+            step=self._episode_length,
+            level=self._level,
+            way=self._trips.way,
+            way_left=self._distance,
+            qpos=self.sim.data.qpos,
+        )
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)
