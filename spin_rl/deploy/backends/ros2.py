@@ -250,7 +250,7 @@ class RosRobot:
         if before is None or (passed_s := seconds(message) - seconds(before)) <= 0.0:
             return self._finger_velocity
         now, then = (
-            dict(zip(m.name, m.position, strict=True)).get(_NAMES["gripper_finger"], 0.0)
+            dict(zip(m.name, m.position, strict=False)).get(_NAMES["gripper_finger"], 0.0)
             for m in (message, before)
         )
         return (now - then) / passed_s
