@@ -42,7 +42,7 @@ def for_policy(
         "task.pick_range_m",
         "task.goal_range_m",
     ]
-    sections = ["task.scandots", "task.map", "task.sight", "task.manipulation", "task.depth"]
+    sections = ["task.scandots", "task.map", "task.sight", "task.manipulation", "task.depth", "task.guard"]
     if OmegaConf.select(source, "task.depth.enabled"):
         sections.append("depth.filter")
     for section in sections:

@@ -34,6 +34,8 @@ def check(agent: Agent | FetchAgent, cfg: Config) -> None:
     noisy = [name for name, value in vars(cfg.noise).items() if value]
     if noisy:
         raise ConfigError(f"task.noise.{noisy[0]}: the other simulator measures exactly, say 0")
+    if isinstance(cfg, NavConfig) and cfg.guard.enabled:
+        raise ConfigError("task.guard.enabled: what runs on a robot has no guard yet, say false")
     if not isinstance(cfg, NavConfig) and cfg.detector != "none":
         raise ConfigError("task.detector: the other simulator tells where the object is, say none")
     for key, (asked, exported) in _pairs(agent, cfg).items():
