@@ -12,8 +12,8 @@ from spin_rl.tasks.common.statistics import Env, EpisodeStatistics, ratio
 class NavStatistics(EpisodeStatistics):
     """Adds the distance to the goal, what the guard did and the parts that collided.
 
-    Keys: `final_distance_m`, `guarded_share`, the share of control steps in which it changed the action, and `collisions/<part>`, the share of all episodes that ended with that part
-    touching.
+    Keys: `final_distance_m`; `guarded_share`, the share of control steps in which it changed the action; and
+    `collisions/<part>`, the share of all episodes that ended with that part touching.
     """
 
     def __init__(self, num_envs: int, reward_terms: tuple[str, ...], device: str) -> None:
