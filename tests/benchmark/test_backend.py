@@ -26,7 +26,7 @@ from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.config import DynamicsConfig
 from spin_rl.tasks.common.objects.config import SightConfig
-from spin_rl.tasks.nav.config import NavConfig, NavNoise
+from spin_rl.tasks.nav.config import GuardConfig, NavConfig, NavNoise
 from spin_rl.tasks.pick import episode as pick_episode
 from spin_rl.tasks.pick.config import PickConfig
 
@@ -95,6 +95,10 @@ def test_what_cannot_be_paired_is_one_line(device):
         (NavConfig(robot_profile="re1"), r"robot\.profile: is re1, and paper in"),
         (NavConfig(depth=noisy), "depth: images of the other simulator are exact"),
         (PickConfig(detector="segmentation"), r"task\.detector: "),
+        (
+            NavConfig(guard=GuardConfig(enabled=True)),
+            r"task\.guard\.enabled: what runs on a robot has no guard",
+        ),
         (NavConfig(noise=NavNoise(goal_m=0.1)), r"task\.noise\.goal_m: the other simulator measures exactly"),
         (NavConfig(), r"task\.dynamics\.base_lag_s: is \(0\.1, 0\.2\), and \(0\.15, 0\.15\) in the other"),
         (NavConfig(goal_range_m=3.0), r"task\.goal_range_m: is 3\.0, and None in the exported"),
