@@ -35,6 +35,8 @@ def test_every_shipped_policy_acts_the_same_once_exported(name, tmp_path):
     assert contract.name == name and contract.rate_hz == 10.0 and contract.parity["steps"] == 500
     assert name in contract.model_card and contract.training["command"]
     assert (contract.simulation_only is not None) == (name in TEACHERS)
+    guard = read_policy(name).config["task"].get("guard", {})
+    assert ("guard" in (contract.simulation_only or "")) == guard.get("enabled", False)
     expected = {"absolute"} if name.startswith("nav") else {"increments"}
     assert {contract.actions.mode} == expected
     assert (contract.goal is not None) == name.startswith("nav")
