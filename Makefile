@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DOCS_STAMP := $(VENV)/.docs-installed
 # Processes for CPU training and tests: Warp's CPU device is single-threaded, so one per core, up to two.
 WORKERS ?= $(shell nproc 2>/dev/null | awk '{print ($$1 > 2) ? 2 : $$1}')
 HAS_GPU := $(shell nvidia-smi -L 2>/dev/null | head -1)
@@ -10,7 +11,7 @@ TRAIN_MINUTES ?= 5
 # Expanded once, so that the video shows what was trained; `make train RUN=runs/first` names another folder.
 RUN := runs/train-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: setup train test mutants lint format type bench clean
+.PHONY: setup train reproduce test mutants lint format type docs bench clean
 
 setup: $(STAMP)
 
@@ -41,6 +42,11 @@ test: setup
 	@echo "    make test ARGS='-m \"not slow\"'"
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(ARGS)
 
+# Every training and evaluation of the comparison with the paper: hours. ARGS=run=false lists them, ARGS=only=fixcam or
+# ARGS=minutes=120 takes a part, and the next call goes on.
+reproduce: setup
+	$(BIN)/spin-reproduce run=true $(ARGS)
+
 # Whether the tests notice what breaks; some minutes.
 mutants: setup
 	OMP_NUM_THREADS=1 $(BIN)/python tests/mutants/run.py $(ARGS)
@@ -56,8 +62,16 @@ format: setup
 type: setup
 	$(BIN)/pyright
 
+# The site, from docs/ and docstrings; a warning is an error. Open site/index.html.
+docs: $(DOCS_STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+$(DOCS_STAMP): $(STAMP)
+	@$(BIN)/python -m pip install --disable-pip-version-check -e '.[docs]'
+	@touch $@
+
 bench: setup
 	$(BIN)/spin-bench what=all $(ARGS)
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist site .pytest_cache .ruff_cache

@@ -1,4 +1,4 @@
-"""How picks that time out differ from those that succeed: prints medians told in docs/results.md.
+"""How picks that time out differ from those that succeed: prints medians told in docs/experiments.md.
 
     PYTHONPATH=. python docs/figures/pick_failures.py [policy] [object]
 

@@ -66,7 +66,10 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "backend=mujoco"], "policy: zero cannot be exported"),
         (["policy=zero", "processes=2"], "processes: needs backend=mujoco"),
         (["policy=zero", "backend=mujoco", "analysis=camera"], "backend: analysis=camera looks at"),
-        (["policy=zero", "benchmark=fetch", "backend=mujoco"], "backend: benchmark=fetch cannot be run"),
+        (
+            ["policy=zero", "benchmark=place", "backend=mujoco"],
+            "backend: benchmark=place tells of",
+        ),
         (["policy=zero", "benchmark=fetch", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
         (["policy=zero", "benchmark=dynamic", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
         (["policy=zero", "benchmark=dynamic", "analysis=failures"], "analysis: failures needs"),

@@ -4,6 +4,7 @@
     goal          (num_envs, 3)   goal in the base frame: x, y and distance [m], divided by 2.5
     scandots      (num_envs, slots * 32)  tokens of what the camera sees, F(s_t, x_t)
     scandots_all  (num_envs, slots * 32)  tokens of the whole local window, s_t
+    scandots_map  (num_envs, slots * 32)  the same read from a noisy map; if enabled
     way           (num_envs, 3)   length of the way to the goal [m], divided by 2.5, and its direction in the
                   base frame: what only a map tells, for critics
     lidar         (num_envs, rays)  ranges of the rays swept in the last step [m], see `Lidar`; if enabled
@@ -20,6 +21,7 @@ import warp as wp
 from tensordict import TensorDict
 
 from spin_rl.sensors.lidar import Lidar
+from spin_rl.sensors.noisy_map import NoisyMap
 from spin_rl.sensors.odometry import Odometry
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
@@ -43,6 +45,7 @@ class NavObservations(Proprioception):
         depth: DepthImages | None = None,
         goal_range: float | None = None,
         ahead: WayAhead | None = None,
+        noisy_map: NoisyMap | None = None,
     ) -> None:
         """Prepare constants on the simulation's device.
 
@@ -55,6 +58,7 @@ class NavObservations(Proprioception):
             depth: Its depth camera, if it has one.
             goal_range: Farthest that a goal is shown [m]; None shows it where it is.
             ahead: What a map would tell of the way, for the group `way`; None leaves it out.
+            noisy_map: Obstacles as a map has them, for the group `scandots_map`; None leaves it out.
         """
         super().__init__(sim, noise, seed)
         self._goal = goal
@@ -65,6 +69,7 @@ class NavObservations(Proprioception):
         self._way_scale = goal.new_tensor((1.0 / formulas.GOAL_SCALE_M, 1.0, 1.0))
         self._visible = wp.to_torch(scandots.visible).flatten(1)
         self._all = wp.to_torch(scandots.all).flatten(1)
+        self._map = None if noisy_map is None else wp.to_torch(noisy_map.tokens).flatten(1)
         self._driving: dict[str, torch.Tensor] = {}
 
     def add_lidar(self, lidar: Lidar, odometry: Odometry) -> None:
@@ -84,6 +89,8 @@ class NavObservations(Proprioception):
         if self._ahead is not None:
             groups["way"] = self._ahead * self._way_scale
         groups |= {name: measured.clone() for name, measured in self._driving.items()}
+        if self._map is not None:
+            groups["scandots_map"] = self._map.clone()
         if self._depth is not None:
             groups["depth"] = self._depth.observe()
         return TensorDict(groups, batch_size=[self._sim.nworld])
