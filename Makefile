@@ -11,7 +11,7 @@ TRAIN_MINUTES ?= 5
 # Expanded once, so that the video shows what was trained; `make train RUN=runs/first` names another folder.
 RUN := runs/train-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: setup train test mutants lint format type docs bench clean
+.PHONY: setup train reproduce test mutants lint format type docs bench clean
 
 setup: $(STAMP)
 
@@ -41,6 +41,11 @@ test: setup
 	@echo "All tests, $(WORKERS) at a time: about five minutes on two idle cores. Without the slow ones:"
 	@echo "    make test ARGS='-m \"not slow\"'"
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(ARGS)
+
+# Every training and evaluation of the comparison with the paper: hours. ARGS=run=false lists them, ARGS=only=fixcam or
+# ARGS=minutes=120 takes a part, and the next call goes on.
+reproduce: setup
+	$(BIN)/spin-reproduce run=true $(ARGS)
 
 # Whether the tests notice what breaks; some minutes.
 mutants: setup

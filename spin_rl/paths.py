@@ -11,3 +11,4 @@ _ROOT = _PACKAGE / "_data" if (_PACKAGE / "_data").is_dir() else _PACKAGE.parent
 ROBOT_XML: Path = _ROOT / "robots" / "stretch_re1" / "stretch_re1.xml"
 CONF_DIR: Path = _ROOT / "conf"
 POLICY_DIR: Path = _ROOT / "policies"
+RESULT_DIR: Path = _ROOT / "results"

@@ -11,8 +11,9 @@ import spin_rl
 ROOT = Path(spin_rl.__file__).parent
 LAYERS = (  # a package imports from those of the lines below its own
     {"cli"},
-    {"analysis", "export", "gym_env", "speed"},
+    {"analysis", "export", "gym_env", "reproduce", "speed"},
     {"benchmark", "viewer"},
+    {"baselines"},
     {"tasks", "runners"},
     {"detection"},
     {"deploy"},

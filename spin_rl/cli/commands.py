@@ -14,6 +14,7 @@ MODULES = {
     "play": "play",
     "bench": "bench",
     "list": "catalogue",
+    "reproduce": "reproduce",
 }
 """Name of each command after `spin-` -> its module beside this one."""
 
@@ -41,6 +42,11 @@ def play() -> None:
 def bench() -> None:
     """Run `spin-bench`."""
     _start("bench")
+
+
+def reproduce() -> None:
+    """Run `spin-reproduce`."""
+    _start("reproduce")
 
 
 def list_() -> None:

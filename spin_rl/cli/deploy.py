@@ -17,10 +17,10 @@ from typing import Annotated, Any
 import numpy as np
 
 from spin_rl import __version__
-from spin_rl.config import POSITIVE, ConfigError, Range, from_mapping
+from spin_rl.config import POSITIVE, ConfigError, Range, from_keys, from_mapping
 from spin_rl.deploy.backends import BACKENDS, open_backend
 from spin_rl.deploy.fetch.agent import files_of, open_agent
-from spin_rl.deploy.log import RunLog, pack, read_log
+from spin_rl.deploy.log import RunLog, pack, read_log, whole
 from spin_rl.deploy.loop import DONE, ControlLoop, Outcome
 from spin_rl.deploy.replay import replay
 
@@ -53,6 +53,16 @@ class Options:
     speed_scale: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
     log: Path | None = None
     replay: Path | None = None
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What a replay must know of a run."""
+
+    policy: Path
+    name: str
+    sha256: str
+    speed_scale: Annotated[float, Range(0.0, 1.0, above=True)]
 
 
 def main() -> None:
@@ -130,10 +140,15 @@ def _deploy(options: Options, settings: dict[str, Any]) -> int:
 def _replay(options: Options) -> int:
     assert options.replay is not None
     run = read_log(options.replay)
-    path = options.policy or Path(run.facts["policy"])
-    if _digest(path) != run.facts["sha256"]:
+    with whole(options.replay):
+        facts = from_keys(_Facts, run.facts, "replay")
+    path = options.policy or facts.policy
+    agent = open_agent(path, facts.speed_scale)
+    if agent.contract.name != facts.name:
+        raise ConfigError(f"policy: {path} is {agent.contract.name}, and {options.replay} is of {facts.name}")
+    if _digest(path) != facts.sha256:
         print(f"warning: {path} is not the file that ran then", file=sys.stderr)
-    result = replay(run, open_agent(path, run.facts["speed_scale"]))
+    result = replay(run, agent)
     ended = run.end["reason"] if run.end is not None else "nobody wrote how it ended"
     print(f"{options.replay}: {result.steps} steps ({ended})")
     print(f"largest difference: actions {result.action_error:.2e}, commands {result.command_error:.2e}")

@@ -11,35 +11,44 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from spin_rl.analysis.sight.options import MAP, SightOptions
+from spin_rl.baselines.registry import BASELINES
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.tables import backend as backend_report
-from spin_rl.cli import common
+from spin_rl.cli import common, videos
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.deploy.backends.renderers import RENDERERS
+from spin_rl.extras import require
 from spin_rl.files import write_json
 from spin_rl.ranges import Seed
+from spin_rl.reproduce.tables.registry import TABLES
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
-ANALYSES = ("camera", "failures", "sight")
-_ANALYSED = {"camera": ("reach",), "failures": ("reach", "rooms", "scenes"), "sight": ("reach", "rooms")}
+ANALYSES = ("camera", "failures", "behaviour", "sight")
+_ANALYSED = {
+    "camera": ("reach",),
+    "failures": ("reach", "rooms", "scenes"),
+    "behaviour": ("reach", "rooms", "scenes"),
+    "sight": ("reach", "rooms"),
+}
 """The benchmarks that each analysis looks into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
-"""The analysis of the camera runs the benchmark a dozen times, that of sight keeps every step of all."""
-_COUNTED = ("camera", "sight")
+"""The analysis of the camera runs the benchmark a dozen times, those of behaviour and sight keep episodes."""
 _TRIPS = "scenes"
 """The benchmark that draws starts and goals in scene files."""
 _TRIP_COUNTS = {"starts": 50, "seeds": [0]}
 _TASK_GROUPS = ("task", "robot", "scene", "sim", "depth", "camera")
 """Overrides that a replay by spin-play needs as well."""
 _PLOTS = (".png", ".pdf", ".svg")
+_VIDEOS = 2
+"""Of each behaviour that was shown, and of each that failed."""
 
 Angle = Annotated[float, Range()]
 
-_AGAIN = ("nav", "pick")
-"""Tasks whose episodes another simulator can run again."""
+_SAME_FETCHES = "place"
+"""The benchmark that tells of another's episodes."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +83,11 @@ class Options:
         backend: Another simulator to run the same episodes in, or None.
         renderer: What makes depth images there.
         processes: How many run episodes there at the same time.
+        table: A table of stored results in place of all else, or None; see `cli.tables`.
+        fresh: Whether it is measured again.
         analysis: One of `ANALYSES`, or None.
         plot: Drawing to write, or None.
+        videos: Folder for short videos of what an analysis found, or None.
         out: JSON to write, or None.
         camera_analysis: Of `analysis=camera`.
         sight: Of `analysis=sight`.
@@ -94,8 +106,11 @@ class Options:
     backend: Annotated[str, Choice(tuple(backend_report.BACKENDS))] | None
     renderer: Annotated[str, Choice(RENDERERS)]
     processes: Annotated[int, Range(1)]
+    table: Annotated[str, Choice(tuple(TABLES))] | None
+    fresh: bool
     analysis: Annotated[str, Choice(ANALYSES)] | None
     plot: Path | None
+    videos: Path | None
     out: Path | None
     camera_analysis: CameraOptions
     sight: SightOptions
@@ -113,17 +128,31 @@ def main() -> None:
 
 
 def evaluate(call: common.Call) -> bool:
-    """Run the benchmark or analysis that was asked for, print its table and write its JSON."""
+    """Run the benchmark or analysis that was asked for, print its table and write its JSON.
+
+    With `table`, print a table of stored results instead.
+    """
+    if call.values["table"] is not None:
+        from spin_rl.cli import tables
+
+        return tables.show(call)
     options = read_options(call)
     benchmark, spec = options.benchmark, find_task(options.benchmark.task)
     spec.check(call.values)
     named = "zero" if options.policy == MAP else options.policy
     source = policies.open_for(spec, {"policy": named, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
+    source.check(task)
     mistake = settings.unused_depth(task, options.overrides)
     if mistake is not None:
         raise ConfigError(mistake)
-    runs = {None: _measure, "camera": _analyse_camera, "failures": _analyse_failures, "sight": _analyse_sight}
+    runs = {
+        None: _measure,
+        "camera": _analyse_camera,
+        "failures": _analyse_failures,
+        "behaviour": _analyse_behaviour,
+        "sight": _analyse_sight,
+    }
     writer, result = runs[options.analysis](options, source, task)
     label = settings.scene_label(options.overrides, benchmark.scene)
     if label is not None and options.scene_file is None:
@@ -138,6 +167,10 @@ def evaluate(call: common.Call) -> bool:
     if options.plot is not None:
         writer.plot(result, options.plot)
         print(f"Wrote {options.plot}")
+    if options.videos is not None:
+        found = writer.examples(result, _VIDEOS)
+        for path in videos.of_events(found, options.policy, options.device, options.videos):
+            print(f"Wrote {path}")
     return bool(result.get("stopped"))
 
 
@@ -170,16 +203,21 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
 
 
 def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], task: Any) -> dict[str, Any]:
-    from spin_rl.benchmark import backend
-    from spin_rl.export.write import export_policy
+    from spin_rl.benchmark.backend import again
+    from spin_rl.export.write import export_fetch, export_policy
     from spin_rl.runners.policy_file import read_policy
 
     with tempfile.TemporaryDirectory() as folder:
-        exported = export_policy(read_policy(options.policy), Path(folder) / "policy.onnx")
-        return backend.evaluate_again(
+        path = Path(folder)
+        if options.benchmark.task == "fetch":
+            export_fetch(options.policy, options.pick, path, task)
+        else:
+            path /= "policy.onnx"
+            export_policy(read_policy(options.policy), path)
+        return again.evaluate_again(
             batched,
             task,
-            exported.path,
+            path,
             backend=str(options.backend),
             renderer=options.renderer,
             processes=options.processes,
@@ -209,7 +247,14 @@ def _analyse_camera(options: Options, source: policies.PolicySource, task: Any) 
 def _analyse_failures(options: Options, source: policies.PolicySource, task: Any) -> Measured:
     from spin_rl.analysis.failures import analysis, report
 
-    result = analysis.analyse_failures(
+    return report, _watched(analysis.analyse_failures, options, source, task)
+
+
+def _watched(
+    analyse: Callable[..., dict[str, Any]], options: Options, source: policies.PolicySource, task: Any
+) -> dict[str, Any]:
+    """Run an analysis that looks at every episode."""
+    return analyse(
         options.benchmark,
         source.make,
         task,
@@ -223,7 +268,12 @@ def _analyse_failures(options: Options, source: policies.PolicySource, task: Any
         scene_file=options.scene_file,
         announce=common.announced,
     )
-    return report, result
+
+
+def _analyse_behaviour(options: Options, source: policies.PolicySource, task: Any) -> Measured:
+    from spin_rl.analysis.behaviour import analysis, report
+
+    return report, _watched(analysis.analyse_behaviour, options, source, task)
 
 
 def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -> Measured:
@@ -260,7 +310,7 @@ def read_options(call: common.Call) -> Options:
         raise ConfigError(f"starts: benchmark={_TRIPS} draws them, which measures task=nav")
     benchmark = benchmarks.find(asked, values["task"].get("name"), families="shares" in values["scene"])
     counts = _TRIP_COUNTS if benchmark.name == _TRIPS else {}
-    if values["analysis"] in _COUNTED:
+    if values["analysis"] in ("camera", "behaviour", "sight"):
         counts = _ANALYSIS_COUNTS
     given = {override.partition("=")[0] for override in call.overrides}
     values = values | {key: value for key, value in counts.items() if key not in given}
@@ -295,7 +345,11 @@ def _check(options: Options, spec: TaskSpec) -> None:
     if options.pick is not None and "pick" not in spec.policies:
         takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
         raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
-    _check_backend(options, spec)
+    _check_backend(options)
+    if options.fresh:
+        raise ConfigError(f"fresh: needs table=<name>, of {', '.join(TABLES)}")
+    if options.videos is not None:
+        _check_videos(options)
     if options.policy == MAP and options.analysis != "sight":
         raise ConfigError(f"policy: {MAP} drives for analysis=sight alone")
     if options.analysis is None:
@@ -307,7 +361,9 @@ def _check(options: Options, spec: TaskSpec) -> None:
         raise ConfigError(
             f"analysis: {options.analysis} needs {_those(lambda known: known.name in analysed)}"
         )
-    if options.scene_file is not None and options.analysis in _COUNTED:
+    if options.policy in BASELINES and options.analysis == "camera":
+        raise ConfigError(f"analysis: camera needs a policy with one, which {options.policy} has not")
+    if options.scene_file is not None and options.analysis in ("camera", "sight"):
         raise ConfigError(f"scene: analysis={options.analysis} runs in generated places, not in a scene file")
     if options.plot is not None:
         if options.plot.suffix not in _PLOTS:
@@ -316,7 +372,17 @@ def _check(options: Options, spec: TaskSpec) -> None:
             raise ConfigError("plot: needs matplotlib: pip install 'spin-rl[plots]'")
 
 
-def _check_backend(options: Options, spec: TaskSpec) -> None:
+def _check_videos(options: Options) -> None:
+    """Reject videos of what shows none, and where they cannot be made."""
+    if options.analysis != "behaviour":
+        raise ConfigError("videos: only analysis=behaviour makes them; see spin-play video=")
+    if options.videos is not None and options.videos.is_file():
+        raise ConfigError(f"videos: {options.videos} is a file; name a folder")
+    for module, package in (("imageio_ffmpeg", "imageio[ffmpeg]"), ("PIL", "pillow")):
+        require(module, package, "viewer", "videos")
+
+
+def _check_backend(options: Options) -> None:
     """Reject what cannot be run in another simulator."""
     if options.backend is None:
         for override in options.overrides:
@@ -325,11 +391,11 @@ def _check_backend(options: Options, spec: TaskSpec) -> None:
         return
     if options.analysis is not None:
         raise ConfigError(f"backend: analysis={options.analysis} looks at the batched simulation alone")
-    if spec.name not in _AGAIN:
-        name = options.benchmark.name
-        raise ConfigError(f"backend: benchmark={name} cannot be run in the deploy loop yet")
-    if options.policy in policies.UNTRAINED:
-        raise ConfigError(f"policy: {options.policy} cannot be exported, as backend={options.backend} needs")
+    if options.benchmark.name == _SAME_FETCHES:
+        raise ConfigError(f"backend: benchmark={_SAME_FETCHES} tells of a part alone, say benchmark=fetch")
+    for key, name in (("policy", options.policy), ("pick", options.pick)):
+        if name in policies.UNSAVED:
+            raise ConfigError(f"{key}: {name} cannot be exported, as backend={options.backend} needs")
 
 
 def _those(fits: Callable[[benchmarks.Benchmark], bool]) -> str:

@@ -30,13 +30,13 @@ def main() -> None:
 
 def export(call: common.Call) -> None:
     """Write the file or the bundle, and say how well it agrees with the policy; or show a file."""
-    from spin_rl.deploy.network import Network
-    from spin_rl.deploy.text import full_text
     from spin_rl.export.write import export_fetch, export_policy
 
     options = from_keys(Options, call.values)
     if options.show is not None:
-        print(full_text(Network(options.show).contract))
+        if options.policy is not None:
+            raise ConfigError("show: exports nothing, leave policy= out")
+        _show(options.show)
         return
     if options.policy is None:
         raise ConfigError("policy: a name or path is needed, or show=<file.onnx>")
@@ -45,6 +45,8 @@ def export(call: common.Call) -> None:
     torch.set_num_threads(1)
     if options.fetch:
         folder = options.out or Path("fetch")
+        if folder.is_file():
+            raise ConfigError(f"out: {folder} is a file; a fetch is a folder")
         written = export_fetch(options.policy, options.pick, folder)
     else:
         policy = read_policy(options.policy)
@@ -63,6 +65,21 @@ def export(call: common.Call) -> None:
             print(f"  For simulation only: {done.contract.simulation_only}")
     if options.fetch:
         print(f"Wrote {written[0].path.parent / 'fetch.json'}, the settings of the stages")
+
+
+def _show(path: Path) -> None:
+    """Print what a file says of itself, or all files of a fetch."""
+    from spin_rl.deploy.fetch.agent import files_of
+    from spin_rl.deploy.network import Network
+    from spin_rl.deploy.text import full_text
+
+    files = files_of(path)
+    if not files:
+        raise ConfigError(f"show: {path} holds no exported policy")
+    for file in files:
+        print(
+            file.read_text(encoding="utf-8") if file.suffix == ".json" else full_text(Network(file).contract)
+        )
 
 
 if __name__ == "__main__":

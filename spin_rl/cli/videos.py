@@ -1,4 +1,4 @@
-"""Short videos of what a run has learned so far, made by `spin-play` beside the training."""
+"""Short videos made by `spin-play`: of what a run has learned so far, and of what an analysis found."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+from spin_rl.config import ConfigError
 
 EPISODES = 1
 LONGEST_S = 10.0
@@ -39,6 +42,32 @@ def made_on_the_way(run_dir: Path, minutes: float | None, episode_s: float) -> I
     finally:
         over.set()
         thread.join()
+
+
+def of_events(
+    events: Mapping[str, Sequence[Mapping[str, Any]]], policy: str, device: str, folder: Path
+) -> Iterator[Path]:
+    """Make a video of the episode of each event; yield the files as they are made.
+
+    Args:
+        events: Of each kind, with `play`, the overrides that show the episode again.
+        policy: Who acted.
+        device: "cpu" or "cuda:N".
+        folder: Made if needed.
+
+    Raises:
+        ConfigError: A video could not be made.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, found in events.items():
+        for number, event in enumerate(found, start=1):
+            path = folder / f"{kind.replace(', ', '_').replace(' ', '_')}_{number}.mp4"
+            command = [sys.executable, "-m", "spin_rl.cli.play", f"policy={policy}", *event["play"].split()]
+            command += ["episodes=1", "samples=1", f"device={device}", f"video={path}"]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise ConfigError(f"videos: {path}: {done.stderr.strip().splitlines()[-1:]}")
+            yield path
 
 
 def _make(command: list[str], run_dir: Path, seconds: float, over: threading.Event) -> None:

@@ -7,6 +7,7 @@ filter gets, compressed; what is measured is written with all its digits.
 from __future__ import annotations
 
 import base64
+import contextlib
 import dataclasses
 import json
 import zlib
@@ -28,9 +29,16 @@ class RunLog:
     """Writes a run's file."""
 
     def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:
-        """Begin the file; `facts` are what a replay must know, as JSON can hold it."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "w", encoding="utf-8")
+        """Begin the file; `facts` are what a replay must know, as JSON can hold it.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(path, "w", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"log: {path} cannot be written: {error.strerror}") from None
         self._write({"format": _FORMAT, **facts})
 
     def start(self, state: RobotState, goal: np.ndarray | None, object_b: np.ndarray | None) -> None:
@@ -113,14 +121,30 @@ def read_log(path: Path) -> LoggedRun:
     if not begun:
         raise ConfigError(f"replay: {path} ends before anything moved")
     end = [line["end"] for line in lines if "end" in line]
-    return LoggedRun(
-        facts=lines[0],
-        state=_state(begun[0]["start"]),
-        goal=_array(begun[0]["goal"]),
-        object_b=_array(begun[0]["object"]),
-        end=end[-1] if end else None,
-        path=path,
-    )
+    with whole(path):
+        return LoggedRun(
+            facts=lines[0],
+            state=_state(begun[0]["start"]),
+            goal=_point(begun[0]["goal"]),
+            object_b=_point(begun[0]["object"]),
+            end=end[-1] if end else None,
+            path=path,
+        )
+
+
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[None]:
+    """Turn what goes wrong while a log is read or replayed into one line.
+
+    Raises:
+        ConfigError: Something is missing there, or is not what it should be.
+    """
+    try:
+        yield
+    except ConfigError:
+        raise
+    except (KeyError, TypeError, ValueError, zlib.error) as error:
+        raise ConfigError(f"replay: {path} is damaged: {type(error).__name__}, {error}") from None
 
 
 def pack(value: Any) -> Any:
@@ -150,6 +174,10 @@ def _state(packed: Mapping[str, Any]) -> RobotState:
 
 def _array(value: Any) -> Any:
     return np.array(value) if isinstance(value, list) else value
+
+
+def _point(value: Any) -> np.ndarray | None:
+    return None if value is None else np.array(value, dtype=float)
 
 
 def _lines(path: Path) -> Iterator[dict[str, Any]]:

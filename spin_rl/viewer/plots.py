@@ -16,7 +16,7 @@ import numpy as np
 from spin_rl.extras import require
 from spin_rl.scenes import kinds
 from spin_rl.scenes.layout import Scene
-from spin_rl.scenes.outline import outline
+from spin_rl.scenes.outline import distance_to, outline
 from spin_rl.viewer import style
 from spin_rl.viewer.snapshot import Snapshot
 
@@ -87,19 +87,8 @@ def nearest(scene: Scene, points: np.ndarray, levels: Sequence[str]) -> np.ndarr
     result = np.full(len(points), np.inf)
     for slot, level in enumerate(kinds.levels(scene)):
         if scene.active[slot] and not scene.is_wall[slot] and level in levels:
-            result = np.minimum(result, _distance(outline(scene, slot), points))
+            result = np.minimum(result, distance_to(outline(scene, slot), points))
     return result
-
-
-def _distance(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 2) to a convex, counter-clockwise polygon (m, 2), 0 inside."""
-    start = polygon[None]
-    edge = np.roll(polygon, -1, axis=0)[None] - start
-    offset = points[:, None] - start
-    share = np.clip((offset * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
-    distance = np.linalg.norm(offset - share[..., None] * edge, axis=-1).min(1)
-    inside = (edge[..., 0] * offset[..., 1] - edge[..., 1] * offset[..., 0] >= 0.0).all(1)
-    return np.where(inside, 0.0, distance)
 
 
 def check_plots() -> None:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.analysis.failures.analysis import condition_of, failures_of
+from spin_rl.analysis.episodes import condition_of
+from spin_rl.analysis.failures.analysis import failures_of
 from spin_rl.analysis.failures.failure import Failure
 from spin_rl.analysis.failures.names import OBSTACLES
 from spin_rl.analysis.failures.plot import plot

@@ -55,3 +55,60 @@ PLACE: dict[str, dict[tuple[int, str], PaperCell]] = {
 FRAMES_PER_S = {"scandots": 50_000.0, "depth": 820.0}
 """Simulated frames per second on one GPU, 8192 worlds with scandots, 256 with depth (supplement, "Directly
 training from depth images")."""
+
+FIXCAM: dict[str, tuple[float, ...]] = {
+    "I": (0.93, 0.40, 0.20, 0.97, 0.40, 0.20),
+    "II": (0.70, 0.30, 0.10, 0.67, 0.47, 0.10),
+    "III": (0.86, 0.33, 0.10, 0.77, 0.30, 0.10),
+    "IV": (1.00, 0.53, 0.20, 1.00, 0.50, 0.26),
+}
+"""Pose of the camera -> success in the cells of Table 1's reach (supplement, table of the FixCam poses)."""
+
+
+@dataclass(frozen=True)
+class PaperRange:
+    """A row of the table of visibility ranges: 10 episodes, 3 seeds.
+
+    Attributes:
+        success_rate: Share of successful episodes.
+        final_distance_m: Mean distance to the goal at the end [m].
+    """
+
+    success_rate: float
+    final_distance_m: float
+
+
+VISIBILITY: dict[int, PaperRange] = {
+    1: PaperRange(0.96, 0.28),
+    2: PaperRange(0.96, 0.26),
+    3: PaperRange(0.93, 0.63),
+    5: PaperRange(0.86, 1.21),
+}
+"""Visibility range [m] -> figures (supplement, table of local visibility)."""
+
+
+@dataclass(frozen=True)
+class PaperPlace:
+    """A cell of the real robot's table.
+
+    Attributes:
+        success_rate: Share of the runs that ended within 15 cm of the goal.
+        collisions: Mean number of collisions of a run.
+    """
+
+    success_rate: float
+    collisions: float
+
+
+STATIC_DYNAMIC: dict[tuple[int, str], dict[str, PaperPlace]] = {
+    (1, "static"): {"SPIN": PaperPlace(0.8, 1.0), "Classical": PaperPlace(0.6, 0.4)},
+    (1, "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.0, 1.2)},
+    (2, "static"): {"SPIN": PaperPlace(0.8, 0.8), "Classical": PaperPlace(0.4, 0.6)},
+    (2, "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.2, 1.0)},
+}
+"""Real scene (1 the lab, 2 the study area) and obstacles -> method -> figures (Real-world results, table of
+static and dynamic obstacles)."""
+
+DIRECT_DEPTH_SUCCESS = 0.01
+"""Less than that after 22 h of reinforcement learning from depth images (supplement, "Directly training from
+depth images"); both phases of SPIN took 16 h."""

@@ -1,0 +1,74 @@
+"""spin-reproduce: list and run all trainings and evaluations of the comparison with the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from spin_rl.cli import common
+from spin_rl.config import ConfigError, Range, from_keys
+from spin_rl.machine import num_cores
+from spin_rl.ranges import Minutes
+from spin_rl.reproduce.listing import progress
+from spin_rl.reproduce.plan import read_steps
+from spin_rl.reproduce.run import Runner
+
+_MOST_PROCESSES = 2
+"""More than two processes give other batches than the measured ones; `processes=` still takes any number."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to list or run, checked; see conf/reproduce.yaml."""
+
+    run: bool
+    only: tuple[str, ...] | None
+    minutes: Minutes | None
+    processes: Annotated[int, Range(1, 1024)] | None
+    runs: Path
+    plan: dict[str, Any]
+
+
+def main() -> None:
+    """Entry point of the `spin-reproduce` command."""
+    common.run("reproduce", reproduce, lambda given: (given, None), common.keys_of(Options, ()))
+
+
+def reproduce(call: common.Call) -> bool:
+    """List the steps or run those that are missing.
+
+    Raises:
+        ConfigError: One line that names the key, or the step that failed.
+    """
+    options = read_options(call.values)
+    steps = read_steps(options.plan, options.runs)
+    chosen = steps.chosen(options.only)
+    print(progress(steps, chosen))
+    if not options.run:
+        print("run=true runs what is missing")
+        return False
+    processes = options.processes or min(num_cores(), _MOST_PROCESSES)
+    whole = Runner(steps, processes, options.minutes).run(chosen)
+    print(progress(steps, chosen))
+    return not whole
+
+
+def read_options(values: Mapping[str, Any]) -> Options:
+    """Check the options.
+
+    Raises:
+        ConfigError: One line that names the key.
+    """
+    only = values["only"]
+    if isinstance(only, str):
+        only = [only]
+    options = from_keys(Options, {**values, "only": only})
+    if options.only is not None and not all(options.only):
+        raise ConfigError("only: expected parts of the names of steps")
+    return options
+
+
+if __name__ == "__main__":
+    main()

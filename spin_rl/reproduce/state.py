@@ -1,0 +1,124 @@
+"""What of the plan is done, as the runs and the results tell."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from spin_rl.paths import RESULT_DIR
+from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
+
+Status = Literal["done", "partial", "missing", "outdated"]
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a step has come.
+
+    Attributes:
+        status: "partial" is a training that was interrupted, "outdated" a result of something else than is
+            planned now.
+        minutes: What it took so far; None where that is not known.
+        env_steps: Samples of a training so far.
+        success: Success rate of a training at its end, of a result its mean over the rows.
+    """
+
+    status: Status
+    minutes: float | None = None
+    env_steps: int | None = None
+    success: float | None = None
+
+
+def result_file(name: str) -> Path:
+    """File of a result, such as `reach/cvo-1`."""
+    return RESULT_DIR / f"{name}.json"
+
+
+def read_result(name: str) -> dict[str, Any] | None:
+    """Return a stored result; None where there is none that can be read."""
+    return _read(result_file(name))
+
+
+def state_of(steps: Steps, step: Step) -> State:
+    """Find out how far a step has come."""
+    return _of_training(steps, step) if isinstance(step, Training) else _of_evaluation(steps, step)
+
+
+def is_done(steps: Steps, step: Step) -> bool:
+    """Whether nothing is left to do for a step."""
+    return state_of(steps, step).status == "done"
+
+
+def has_checkpoint(run_dir: Path) -> bool:
+    """Whether a run can go on."""
+    return any((run_dir / "checkpoints").glob("*.pt"))
+
+
+def planned(step: Step) -> dict[str, Any]:
+    """What a result keeps of a step, by which it is found to be of another plan."""
+    facts: dict[str, Any] = {"name": step.name, "arguments": list(step.arguments)}
+    if isinstance(step, Training):
+        return facts | {"seed": step.seed, "planned_env_steps": step.env_steps}
+    return facts | {"tool": step.command}
+
+
+def command_of(steps: Steps, step: Step) -> str:
+    """The command line of a step as a user would type it."""
+    given = steps.arguments(step)
+    if isinstance(step, Training):
+        given += [f"seed={step.seed}", f"run_dir={steps.run_dir(step.name)}"]
+    tool = "train" if isinstance(step, Training) else step.command
+    return " ".join([f"spin-{tool}", *map(_quoted, given)])
+
+
+def _of_training(steps: Steps, step: Training) -> State:
+    run_dir = steps.run_dir(step.name)
+    summary = _read(run_dir / "summary.json")
+    if summary is not None:
+        status = "done" if summary["env_steps"] >= step.env_steps else "partial"
+        return State(status, summary["minutes"], summary["env_steps"], summary["success_rate"])
+    if has_checkpoint(run_dir):
+        return State("partial")
+    # Its run may be gone, or on another machine: nothing needs it where all that was made of it is there.
+    users = [other for other in steps.by_name.values() if step.name in steps.needs(other)]
+    if not users or not all(is_done(steps, user) for user in users):
+        return State("missing")
+    kept = next((fact for user in users for fact in _trainings(user) if fact["name"] == step.name), {})
+    return State("done", kept.get("minutes"), kept.get("env_steps"), kept.get("success_rate"))
+
+
+def _of_evaluation(steps: Steps, step: Evaluation) -> State:
+    stored = read_result(step.name)
+    if stored is None:
+        return State("missing")
+    known = {fact["name"]: fact for fact in stored["trainings"]}
+    same = _agrees(stored["step"], step) and all(
+        name in known and _agrees(known[name], steps.by_name[name]) for name in steps.needs(step)
+    )
+    rates = [row["success_rate"] for row in stored["result"].get("rows", ()) if "success_rate" in row]
+    success = sum(rates) / len(rates) if rates else None
+    return State("done" if same else "outdated", stored["minutes"], success=success)
+
+
+def _agrees(kept: Mapping[str, Any], step: Step) -> bool:
+    return {key: kept.get(key) for key in planned(step)} == planned(step)
+
+
+def _trainings(step: Step) -> list[dict[str, Any]]:
+    stored = read_result(step.name) if isinstance(step, Evaluation) else None
+    return [] if stored is None else stored["trainings"]
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        values = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return values if isinstance(values, dict) else None
+
+
+def _quoted(argument: str) -> str:
+    return f"'{argument}'" if set("[]{}()* ") & set(argument) else argument

@@ -1,0 +1,170 @@
+"""Tables of success in the six corridors of the reach benchmark: Table 1 and that of the fixed camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from spin_rl.benchmark.tables.paper import FIXCAM, REACH
+from spin_rl.reproduce.tables.rates import Rate
+from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, budget_note, episodes_note
+from spin_rl.reproduce.tables.table import Claim, Table, compare
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
+
+CELLS: tuple[Cell, ...] = tuple(
+    (scenario, difficulty) for scenario in SCENARIOS for difficulty in DIFFICULTIES
+)
+HARD: tuple[Cell, ...] = tuple((scenario, "hard") for scenario in SCENARIOS)
+HEADER = (
+    "method",
+    "",
+    *(f"S{scenario} {difficulty}" for scenario, difficulty in CELLS),
+    "trainings",
+)
+_METHODS = {
+    "FixCam": "fixcam_IV",
+    "NoPointNet": "nopointnet",
+    "Mapping": "mapping",
+    "SPIN (DVO)": "dvo",
+    "SPIN (CVO)": "cvo",
+}
+"""Row of Table 1 -> name of its trainings."""
+_MAPS = {"exact": "none", "with small errors": "small", "with large errors": "large"}
+"""Further rows of Mapping -> errors of the map in the measurement."""
+POSES = ("I", "II", "III", "IV")
+
+
+def table_1(stored: Stored) -> Table:
+    """Table 1, the part of reaching: success and time of the successful episodes."""
+    methods = {label: stored.reach(name) for label, name in _METHODS.items()}
+    rows: list[tuple[str, ...]] = []
+    records: list[Mapping[str, Any]] = []
+    for label, method in methods.items():
+        paper = REACH[label]
+        rows += success_rows(label, method, [paper[cell].success_rate for cell in CELLS])
+        times = [method.mean("duration_s", cell) for cell in CELLS]
+        rows.append(("", "time", *("none" if time is None else f"{time:.1f} s" for time in times), ""))
+        rows.append(("", "paper, time", *(f"{paper[cell].duration_s:.1f} s" for cell in CELLS), ""))
+        records += [
+            record(label, method, cell)
+            | {
+                "duration_s": method.mean("duration_s", cell),
+                "paper_success_rate": paper[cell].success_rate,
+                "paper_duration_s": paper[cell].duration_s,
+            }
+            for cell in CELLS
+        ]
+    for label, errors in _MAPS.items():
+        name = f"map_{errors}"
+        method = Measured(
+            name, tuple(stored.result(f"{name}/{t['name']}") for t in methods["Mapping"].trainings)
+        )
+        rows += success_rows(f"Mapping, {label}", method, None)
+        records += [record(f"Mapping, {label}", method, cell) for cell in CELLS]
+    every = list(methods.values())
+    return Table(
+        "1",
+        "Table 1, reach: success, paper's below",
+        HEADER,
+        tuple(rows),
+        tuple(records),
+        claims=_claims_of_1(methods),
+        notes=(
+            budget_note(every),
+            episodes_note(every),
+            "time: mean of the successful episodes; the paper does not say whether failures count",
+            "FixCam is pose IV, as in the paper's supplement; the map's errors are those of training",
+        ),
+    )
+
+
+def fixcam(stored: Stored) -> Table:
+    """The table of the fixed camera's poses, beside the camera that moves, in both mounts of the camera."""
+    fixed = {pose: stored.reach(f"fixcam_{pose}") for pose in POSES}
+    moving = stored.reach("cvo")
+    held, free = stored.reach("landscape_fixcam_IV"), stored.reach("landscape_cvo")
+    methods = {f"FixCam {pose}": method for pose, method in fixed.items()}
+    methods |= {"camera moves (CVO)": moving}
+    methods |= {"FixCam IV, landscape": held, "camera moves, landscape": free}
+    paper = {f"FixCam {pose}": list(figures) for pose, figures in FIXCAM.items()}
+    paper["camera moves (CVO)"] = [REACH["SPIN (CVO)"][cell].success_rate for cell in CELLS]
+    rows: list[tuple[str, ...]] = []
+    records: list[Mapping[str, Any]] = []
+    for label, method in methods.items():
+        theirs = paper.get(label)
+        rows += success_rows(label, method, theirs)
+        for i, cell in enumerate(CELLS):
+            beside = {} if theirs is None else {"paper_success_rate": theirs[i]}
+            records.append(record(label, method, cell) | beside)
+    gap = _paper_on_hard("SPIN (CVO)") - _paper_on_hard("FixCam")  # IV is also the paper's best pose
+    best = max(fixed.values(), key=lambda method: method.rate(*HARD).value)
+    claims = [
+        _on_hard("moving over FixCam IV on hard", moving, fixed["IV"], gap, 0.30),
+        _on_hard(f"moving over the best fixed pose here ({best.name}) on hard", moving, best, gap, 0.30),
+        _on_hard("the same in landscape, FixCam IV", free, held, gap, 0.30),
+    ]
+    every = list(methods.values())
+    return Table(
+        "fixcam",
+        "FixCam: success with the camera frozen in each pose, paper's below",
+        HEADER,
+        tuple(rows),
+        tuple(records),
+        claims=tuple(claims),
+        notes=(
+            budget_note(every),
+            episodes_note(every),
+            "portrait unless landscape is named; angles of the poses are read from the paper's pictures",
+        ),
+    )
+
+
+def _claims_of_1(methods: Mapping[str, Measured]) -> tuple[Claim, ...]:
+    own = "SPIN (CVO)"
+    wanted = {"FixCam": 0.30, "NoPointNet": 0.10, "Mapping": 0.0, "SPIN (DVO)": 0.0}
+    return tuple(
+        _on_hard(
+            f"CVO over {label.removeprefix('SPIN ').strip('()')} on hard",
+            methods[own],
+            methods[label],
+            _paper_on_hard(own) - _paper_on_hard(label),
+            least,
+        )
+        for label, least in wanted.items()
+    )
+
+
+def _paper_on_hard(label: str) -> float:
+    return sum(REACH[label][cell].success_rate for cell in HARD) / len(HARD)
+
+
+def _on_hard(text: str, one: Measured, other: Measured, paper: float, wanted: float) -> Claim:
+    return compare(text, one.rates(*HARD), other.rates(*HARD), paper=paper, wanted=wanted)
+
+
+def success_rows(label: str, method: Measured, paper: Sequence[float] | None) -> list[tuple[str, ...]]:
+    """Rows of a method: all trainings together, each, and the paper's."""
+    rows = [(label, "ours", *(method.rate(cell).text() for cell in CELLS), method.steps)]
+    if len(method.results) > 1:
+        each = [" ".join(f"{rate.value:.2f}" for rate in method.rates(cell)) for cell in CELLS]
+        rows.append(("", "each", *each, ""))
+    if paper is not None:
+        rows.append(("", "paper", *(f"{figure:.2f}" for figure in paper), ""))
+    return rows
+
+
+def record(label: str, method: Measured, cell: Cell) -> dict[str, Any]:
+    """The figures of a method in a cell."""
+    rate: Rate = method.rate(cell)
+    low, high = rate.interval
+    return {
+        "method": label,
+        "scenario": cell[0],
+        "difficulty": cell[1],
+        "success_rate": rate.value,
+        "ci95_low": low,
+        "ci95_high": high,
+        "episodes": rate.episodes,
+        "each_training": " ".join(f"{each.value:.4f}" for each in method.rates(cell)),
+        "trainings": method.steps,
+    }

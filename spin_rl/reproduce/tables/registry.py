@@ -1,0 +1,30 @@
+"""The tables by name; what makes them is imported when one is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from spin_rl.deferred import Deferred
+
+if TYPE_CHECKING:
+    from spin_rl.reproduce.tables.stored import Stored
+    from spin_rl.reproduce.tables.table import Table
+
+
+def _make(module: str, name: str) -> Callable[[Stored], Table]:
+    return Deferred(f"spin_rl.reproduce.tables.{module}:{name}")
+
+
+TABLES: Mapping[str, Callable[[Stored], Table]] = MappingProxyType(
+    {
+        "1": _make("corridors", "table_1"),
+        "place": _make("fetches", "place"),
+        "fixcam": _make("corridors", "fixcam"),
+        "visibility": _make("visibility", "visibility"),
+        "dynamic": _make("dynamic", "dynamic"),
+        "depth": _make("depth", "depth"),
+    }
+)
+"""Value of `table=` -> what makes the table of stored results."""

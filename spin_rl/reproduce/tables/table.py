@@ -1,0 +1,158 @@
+"""A table for the terminal, Markdown, CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from spin_rl.benchmark.tables.reach import align
+from spin_rl.config import ConfigError
+from spin_rl.files import write_text
+from spin_rl.reproduce.tables.rates import Rate, difference
+
+
+@dataclass(frozen=True)
+class Claim:
+    """An ordering that the paper claims.
+
+    Attributes:
+        text: What it says.
+        ours: Difference that was measured here.
+        low: Lower end of its 95 % interval.
+        high: Upper end.
+        trainings: Smallest and largest difference between a training of one and of the other.
+        paper: Difference in the paper; None where it gives none.
+        wanted: Difference from which it is counted as reproduced.
+    """
+
+    text: str
+    ours: float
+    low: float
+    high: float
+    trainings: tuple[float, float]
+    paper: float | None
+    wanted: float
+
+    @property
+    def verdict(self) -> str:
+        """What the measurement says of it."""
+        if self.low > 0.0:
+            return "reproduced" if self.ours >= self.wanted else "same direction, less of it"
+        return "the other way round" if self.high < 0.0 else "no difference shown"
+
+    def line(self) -> str:
+        """All of it in a line."""
+        low, high = self.trainings
+        between = "" if low == high else f", between trainings {low:+.2f} to {high:+.2f}"
+        paper = "not given" if self.paper is None else f"{self.paper:+.2f}"
+        return (
+            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}{between}), "
+            f"paper {paper}: {self.verdict}"
+        )
+
+
+def compare(
+    text: str, one: Sequence[Rate], other: Sequence[Rate], *, paper: float | None, wanted: float
+) -> Claim:
+    """Compare the rates of several trainings of two kinds.
+
+    Args:
+        text: What the paper claims.
+        one: Rates of those that should be better.
+        other: Rates of the others.
+        paper: Difference in the paper.
+        wanted: Difference from which the claim counts as reproduced.
+    """
+    pooled = [
+        Rate(sum(rate.successes for rate in rates), sum(rate.episodes for rate in rates))
+        for rates in (one, other)
+    ]
+    pairs = [a.value - b.value for a in one for b in other]
+    mean, low, high = difference(*pooled)
+    return Claim(text, mean, low, high, (min(pairs), max(pairs)), paper, wanted)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the paper beside ours.
+
+    Attributes:
+        name: Value of `table=`.
+        title: What it shows.
+        header: Headings.
+        rows: Cells as text.
+        records: The figures, one mapping a figure or row, for CSV and JSON.
+        claims: Orderings that the paper claims.
+        notes: What a reader has to know: budgets, intervals, machine, commands.
+    """
+
+    name: str
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    records: tuple[Mapping[str, Any], ...]
+    claims: tuple[Claim, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def terminal(table: Table) -> str:
+    """Format a table for the terminal."""
+    lines = align([list(table.header), *map(list, table.rows)])
+    return "\n".join([table.title, *lines, *(claim.line() for claim in table.claims), *table.notes])
+
+
+def markdown(table: Table) -> str:
+    """Format a table as Markdown, with a heading."""
+    rows = [table.header, ("---",) * len(table.header), *table.rows]
+    lines = [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows]
+    claims = [f"- {claim.line()}" for claim in table.claims]
+    notes = [f"- {note}" for note in table.notes]
+    blocks = [[f"## {table.title}"], lines, claims, notes]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def csv_text(table: Table) -> str:
+    """Format the records of a table as CSV, a column for every key."""
+    keys = list(dict.fromkeys(key for record in table.records for key in record))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, keys, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table.records)
+    return text.getvalue()
+
+
+def json_text(table: Table) -> str:
+    """Format the whole table as JSON."""
+    values = asdict(table) | {
+        "claims": [asdict(claim) | {"verdict": claim.verdict} for claim in table.claims]
+    }
+    return json.dumps(values, indent=2, allow_nan=False) + "\n"
+
+
+FORMATS: dict[str, Callable[[Table], str]] = {
+    ".md": markdown,
+    ".csv": csv_text,
+    ".json": json_text,
+    ".txt": terminal,
+}
+"""Ending of a file -> what is written into it."""
+
+
+def check_format(out: Path) -> None:
+    """Reject a file whose ending says nothing.
+
+    Raises:
+        ConfigError: It does not.
+    """
+    if out.suffix not in FORMATS:
+        raise ConfigError(f"out: a table is written to {', '.join(FORMATS)}, not to {out}")
+
+
+def write(table: Table, out: Path) -> None:
+    """Write a table in the format that the file's ending names."""
+    write_text(out, FORMATS[out.suffix](table))

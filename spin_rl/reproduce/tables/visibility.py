@@ -1,0 +1,74 @@
+"""The table of visibility ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from spin_rl.benchmark.tables.paper import VISIBILITY
+from spin_rl.reproduce.tables.stored import Stored, budget_note, episodes_note
+from spin_rl.reproduce.tables.table import Table, compare
+
+_TRAININGS = {1: "visibility_1", 2: "cvo", 3: "visibility_3", 5: "visibility_5"}
+"""Range [m] -> name of its trainings."""
+
+
+def visibility(stored: Stored) -> Table:
+    """Success and final distance to the goal by the range that the robot sees, mean of all six corridors."""
+    methods = {metres: stored.reach(name) for metres, name in _TRAININGS.items()}
+    rows: list[tuple[str, ...]] = []
+    records: list[Mapping[str, Any]] = []
+    for metres, method in methods.items():
+        rate, paper, distance = method.rate(), VISIBILITY[metres], method.mean("final_distance_m")
+        assert distance is not None
+        each = " ".join(f"{one.value:.2f}" for one in method.rates())
+        timeouts = method.mean("timeout_rate") or 0.0
+        rows.append(
+            (
+                f"{metres} m",
+                rate.text(),
+                each,
+                f"{paper.success_rate:.2f}",
+                f"{distance:.2f} m",
+                f"{paper.final_distance_m:.2f} m",
+                f"{timeouts:.3f}",
+                method.steps,
+            )
+        )
+        low, high = rate.interval
+        records.append(
+            {
+                "range_m": metres,
+                "success_rate": rate.value,
+                "ci95_low": low,
+                "ci95_high": high,
+                "episodes": rate.episodes,
+                "each_training": each,
+                "paper_success_rate": paper.success_rate,
+                "final_distance_m": distance,
+                "paper_final_distance_m": paper.final_distance_m,
+                "timeout_rate": timeouts,
+                "trainings": method.steps,
+            }
+        )
+    every = list(methods.values())
+    claim = compare(
+        "2 m over 5 m",
+        methods[2].rates(),
+        methods[5].rates(),
+        paper=VISIBILITY[2].success_rate - VISIBILITY[5].success_rate,
+        wanted=0.0,
+    )
+    return Table(
+        "visibility",
+        "Visibility range: success and distance to the goal at the end, all six corridors",
+        ("range", "success", "each", "paper", "distance", "paper", "timeouts", "trainings"),
+        tuple(rows),
+        tuple(records),
+        claims=(claim,),
+        notes=(
+            budget_note(every),
+            episodes_note(every),
+            "the paper explains its 5 m by stalling, which would show as time-outs here",
+        ),
+    )

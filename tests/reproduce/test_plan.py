@@ -1,0 +1,187 @@
+"""The plan of trainings and evaluations: what it holds, in which order, and what of it is done."""
+
+import json
+
+import pytest
+
+from spin_rl.cli import common, evaluate, train
+from spin_rl.config import ConfigError
+from spin_rl.reproduce import state
+from spin_rl.reproduce.listing import progress
+from spin_rl.reproduce.plan import Evaluation, Training, read_steps
+from spin_rl.reproduce.run import iterations
+from spin_rl.runners.config import check_config
+from spin_rl.tasks.common.compose import compose, with_depth
+from spin_rl.tasks.registry import find_task
+
+SHIPPED = read_steps(compose("reproduce")["plan"])
+TRAININGS = [step for step in SHIPPED.by_name.values() if isinstance(step, Training)]
+SMALL = {
+    "budgets": {"drive": {"env_steps": 1000, "minutes": 10, "arguments": ["preset=cpu"]}},
+    "groups": [
+        {
+            "name": "one",
+            "claim": "two phases",
+            "trainings": [
+                {"name": "first", "seeds": [1, 2], "evaluate": False},
+                {"name": "second", "seeds": [1, 2], "arguments": ["teacher={first}"]},
+            ],
+            "evaluations": [{"kind": "speed", "name": "env", "command": "bench", "arguments": ["what=env"]}],
+        }
+    ],
+}
+
+
+@pytest.fixture
+def steps(tmp_path, monkeypatch):
+    """The small plan, with runs and results in a folder of their own."""
+    monkeypatch.setattr(state, "RESULT_DIR", tmp_path / "results")
+    return read_steps(SMALL, tmp_path / "runs")
+
+
+def finish(steps, name, env_steps=1000):
+    """Leave behind what a training does."""
+    folder = steps.run_dir(name)
+    (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
+    (folder / "checkpoints" / "last.pt").touch()
+    (folder / "summary.json").write_text(
+        json.dumps({"env_steps": env_steps, "minutes": 3.5, "success_rate": 0.5})
+    )
+
+
+def store(steps, name, **changes):
+    """Keep a result."""
+    step = steps.by_name[name]
+    trainings = [state.planned(steps.by_name[other]) for other in steps.needs(step)]
+    kept = {"step": state.planned(step), "minutes": 2.0, "trainings": trainings, "result": {}} | changes
+    file = state.result_file(name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(kept))
+
+
+@pytest.mark.parametrize("step", TRAININGS, ids=lambda step: step.name)
+def test_every_training_of_the_shipped_plan_can_be_started(step):
+    values = with_depth(compose("train", [*SHIPPED.arguments(step), f"seed={step.seed}"]))
+    common.check_keys("train", values, common.keys_of(train.Options, common.GROUPS))
+    spec = find_task(values["task"]["name"])
+    task = spec.configure(values)
+    check_config(values["runner"], spec.groups, values["num_envs"])
+    assert task.sim.kinematic and task.curriculum.enabled and values["scene"]["width"] == 1.0
+
+
+def test_all_methods_of_a_comparison_have_the_same_samples():
+    budgets = {step.name: step.env_steps for step in TRAININGS}
+    total = {
+        step.name: step.env_steps + sum(budgets[name] for name in SHIPPED.needs(step)) for step in TRAININGS
+    }
+    others = {name: count for name, count in total.items() if not name.startswith(("dvo1a", "direct_depth"))}
+    assert set(others.values()) == {8_000_000}
+
+
+def test_iterations_give_at_least_the_samples_with_any_number_of_processes():
+    step = SHIPPED.by_name["cvo-1"]
+    for processes in (1, 2, 3):
+        per_iteration = 256 * 32 * processes
+        count = iterations(SHIPPED, step, processes)
+        assert (count - 1) * per_iteration < step.env_steps <= count * per_iteration
+
+
+def test_every_evaluation_names_a_command_that_composes():
+    for step in SHIPPED.by_name.values():
+        if isinstance(step, Evaluation) and not step.name.startswith("dynamic/"):
+            compose(step.command, SHIPPED.arguments(step))
+
+
+def test_trainings_come_before_what_needs_them_and_seeds_go_together(steps):
+    assert list(steps.by_name) == [
+        "first-1", "first-2", "second-1", "second-2", "reach/second-1", "reach/second-2", "speed/env"
+    ]  # fmt: skip
+    assert steps.needs(steps.by_name["second-2"]) == ["first-2"]
+    assert steps.arguments(steps.by_name["second-2"]) == ["preset=cpu", f"teacher={steps.runs}/first-2"]
+
+
+def test_only_takes_what_is_needed_too(steps):
+    assert [step.name for step in steps.chosen(["reach/second-2"])] == [
+        "first-2",
+        "second-2",
+        "reach/second-2",
+    ]
+    assert len(steps.chosen(None)) == 7
+    with pytest.raises(ConfigError, match="only: no step has 'third'"):
+        steps.chosen(["third"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"trainings": [{"name": "a", "seeds": [1], "budget": "big"}]}, "unknown budget 'big'"),
+        (
+            {"trainings": [{"name": "a", "seeds": [1], "arguments": ["teacher={b}"]}]},
+            "needs the training b-1",
+        ),
+        ({"trainings": [{"name": "a", "seeds": [1]}, {"name": "a", "seeds": [1]}]}, "a-1 is there twice"),
+        ({"trainings": [{"name": "a"}]}, r"trainings\[0\].seeds: a value is needed"),
+        ({"trainigs": []}, "trainigs: unknown key"),
+    ],
+)
+def test_a_bad_plan_is_one_line(change, message):
+    plan = SMALL | {"groups": [{"name": "g", "claim": "c"} | change]}
+    with pytest.raises(ConfigError, match=message):
+        read_steps(plan)
+
+
+def test_states_of_a_training(steps):
+    step = steps.by_name["first-1"]
+    assert state.state_of(steps, step).status == "missing"
+    (steps.run_dir("first-1") / "checkpoints").mkdir(parents=True)
+    assert state.state_of(steps, step).status == "missing"  # nothing to go on from
+    (steps.run_dir("first-1") / "checkpoints" / "iteration_0000003.pt").touch()
+    assert state.state_of(steps, step).status == "partial"  # it was killed
+    finish(steps, "first-1", env_steps=999)
+    assert state.state_of(steps, step) == state.State("partial", 3.5, 999, 0.5)
+    finish(steps, "first-1")
+    assert state.is_done(steps, step)
+
+
+def test_trainings_whose_results_are_stored_are_not_needed_again(steps):
+    store(steps, "reach/second-1")
+    assert state.is_done(steps, steps.by_name["second-1"]) and state.is_done(steps, steps.by_name["first-1"])
+    assert not state.is_done(steps, steps.by_name["second-2"])
+
+
+def test_a_result_of_another_plan_is_outdated(steps):
+    name = "reach/second-1"
+    step = steps.by_name[name]
+    assert state.state_of(steps, step).status == "missing"
+    store(steps, name)
+    assert state.state_of(steps, step).status == "done"
+    store(steps, name, step=state.planned(step) | {"arguments": ["policy=zero"]})
+    assert state.state_of(steps, step).status == "outdated"
+    training = state.planned(steps.by_name["second-1"])
+    store(steps, name, trainings=[training | {"planned_env_steps": 500}])
+    assert state.state_of(steps, step).status == "outdated"
+    assert not state.is_done(steps, steps.by_name["first-1"])
+
+
+def test_list_tells_states_and_the_time_that_is_left(steps):
+    finish(steps, "first-1")
+    finish(steps, "first-2", env_steps=500)
+    lines = progress(steps, list(steps.by_name.values())).splitlines()
+    assert lines[1] == "one: two phases"
+    assert lines[2].split()[:5] == ["first-1", "done", "0.00", "M", "3.5"]
+    assert lines[3].split()[:2] == ["first-2", "partial"]
+    # Half of the second training, two more, and three evaluations of three minutes.
+    assert lines[-1] == "1 of 7 steps done; about 34 min left"
+
+
+def test_tables_take_no_other_settings(monkeypatch, capfd):
+    for arguments, expected in (
+        (["table=2"], "table: unknown '2'"),
+        (["table=1", "seeds=[0]"], "seeds: table=1 is of stored results"),
+        (["table=1", "out=a.pdf"], "out: a table is written to .md, .csv"),
+        (["table=1", "fresh=maybe"], "fresh: expected true or false"),
+    ):
+        monkeypatch.setattr("sys.argv", ["spin-eval", *arguments])
+        with pytest.raises(SystemExit):
+            evaluate.main()
+        assert capfd.readouterr().err.startswith(f"spin-eval: error: {expected}")
