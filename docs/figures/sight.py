@@ -30,13 +30,13 @@ def main() -> None:
         image = axes.imshow(shares, origin="lower", vmin=0.0, vmax=1.0, cmap="magma_r", aspect="auto")
         axes.set_xticks(range(len(pans)), [f"{pan:.1f}" for pan in pans], fontsize=7)
         axes.set_yticks(range(len(tilts)), [f"{tilt:.2f}" for tilt in tilts], fontsize=7)
-        held, swing, around, _ = group["cameras"]
+        held, _, around, _ = group["cameras"]
         pan, tilt = held["poses"][0]
         axes.plot(pans.index(pan), tilts.index(tilt), "o", mec="tab:green", mfc="none", ms=10, mew=2)
         name = file.stem.rpartition("_")[0].replace("_", " ")
         axes.set_title(
-            f"{name}, {result['camera_mount']}\nconstant {held['unseen']:.2f}, to and fro "
-            f"{swing['unseen']:.2f}, looks around {around['unseen']:.2f}",
+            f"{name}, {result['camera_mount']}\nbest constant {held['unseen']:.2f}, "
+            f"looks around {around['unseen']:.2f}",
             fontsize=8,
         )
     for axes in grid[len(files) :]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.analysis.failures.analysis import condition_of
+from spin_rl.analysis.episodes import condition_of
 from spin_rl.analysis.sight import judge
 from spin_rl.analysis.sight.driver import MapDriver, SeesAll
 from spin_rl.analysis.sight.heads import Poses
