@@ -49,6 +49,7 @@ def end_step(lefts, device, *, stop_on_collision=True, ways=None) -> dict[str, n
         qpos, qvel, action = (wp.array(array) for array in state.values())
         ended.qpos, ended.qvel = wp.zeros_like(qpos), wp.zeros_like(qvel)
         ended.outcome, ended.done = outcome, done
+        goal = wp.array([left.way for left in lefts], dtype=wp.vec2)
         wp.launch(
             end_episodes,
             dim=n,
@@ -56,11 +57,12 @@ def end_step(lefts, device, *, stop_on_collision=True, ways=None) -> dict[str, n
                 qpos,
                 qvel,
                 action,
-                wp.array([left.way for left in lefts], dtype=wp.vec2),
+                goal,
                 wp.array([[part == left.part for part in robot.PARTS] for left in lefts], dtype=bool),
                 rules,
                 ways or corridors(lefts, device),
                 wp.array([left.length for left in lefts], dtype=wp.int32),
+                goal,
                 distance,
                 level,
                 make_trips(n, device),
