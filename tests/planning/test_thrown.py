@@ -56,8 +56,8 @@ def test_all_depends_on_the_seed_alone(thrown):
 def test_a_place_without_room_is_refused():
     narrow = CORRIDOR | {
         "walls": [
-            {"position": [2.5, 0.4], "size": [7, 0.1, 1]},
-            {"position": [2.5, -0.4], "size": [7, 0.1, 1]},
+            {"position": [2.5, 0.28], "size": [7, 0.1, 1]},
+            {"position": [2.5, -0.28], "size": [7, 0.1, 1]},
         ]
     }
     with pytest.raises(ValueError, match=r"^scene: obstacles leave a way in 0 of 1 trips, 1 are needed"):
