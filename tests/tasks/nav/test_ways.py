@@ -49,13 +49,15 @@ def begin(ways, at, device, *, speed_scale=None, mask=None):
     qpos[:, :2] = at
     with wp.ScopedDevice(device):
         distance = wp.full(n, -1.0, dtype=float)
+        goal = wp.array([GOAL] * n, dtype=wp.vec2)
         wp.launch(
             begin_episodes,
             dim=n,
             inputs=[
                 wp.array([True] * n if mask is None else mask, dtype=bool),
                 wp.array(qpos),
-                wp.array([GOAL] * n, dtype=wp.vec2),
+                goal,
+                goal,
                 wp.array([1.0] * n if speed_scale is None else speed_scale, dtype=float),
             ],
             outputs=[ways, make_trips(n, device), distance],
