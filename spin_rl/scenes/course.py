@@ -1,4 +1,5 @@
-# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportAttributeAccessIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Which obstacles a robot in some pose touches, by the model of upright discs of `footprint`."""
 

@@ -1,5 +1,6 @@
-# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportCallIssue=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """From which of many head poses the camera would show which obstacle, all from one state of the robot.
 

@@ -1,4 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Scenes of all families for all worlds at once, on the device.
 
