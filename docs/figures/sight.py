@@ -22,12 +22,11 @@ def main() -> None:
     rows = -(-len(files) // COLUMNS)
     figure = Figure(figsize=(12.0, 2.9 * rows), layout="constrained")
     grid = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
-    image = None
     for axes, file in zip(grid, files, strict=False):
         result = json.loads(file.read_text())
         pans, tilts, group = result["sight"]["pans"], result["sight"]["tilts"], result["groups"][0]
         shares = list(zip(*group["unseen"], strict=True))
-        image = axes.imshow(shares, origin="lower", vmin=0.0, vmax=1.0, cmap="magma_r", aspect="auto")
+        axes.imshow(shares, origin="lower", vmin=0.0, vmax=1.0, cmap="magma_r", aspect="auto")
         axes.set_xticks(range(len(pans)), [f"{pan:.1f}" for pan in pans], fontsize=7)
         axes.set_yticks(range(len(tilts)), [f"{tilt:.2f}" for tilt in tilts], fontsize=7)
         held, _, around, _ = group["cameras"]
@@ -43,7 +42,7 @@ def main() -> None:
         axes.axis("off")
     figure.supxlabel("pan [rad]: 0 ahead, -1.57 right, -3.14 behind", fontsize=9)
     figure.supylabel("tilt [rad]: -1.5 at the wheels", fontsize=9)
-    figure.colorbar(image, ax=list(grid), label="episodes in which something decisive was unseen")
+    figure.colorbar(grid[0].images[0], ax=list(grid), label="episodes in which something decisive was unseen")
     figure.savefig(OUT, dpi=80)
 
 

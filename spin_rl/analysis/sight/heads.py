@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,7 +80,7 @@ class Poses:
         return times.max(axis=-1)
 
 
-def cameras_in_base(poses: Sequence[Sequence[float]]) -> tuple[np.ndarray, np.ndarray]:
+def cameras_in_base(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions [m] and rotations of the camera's optical frame in the base frame at head poses.
 
     Args:
@@ -94,7 +93,7 @@ def cameras_in_base(poses: Sequence[Sequence[float]]) -> tuple[np.ndarray, np.nd
     data = mujoco.MjData(model)
     positions, rotations = [], []
     for pose in poses:
-        held = robot.STOWED | dict(zip(robot.CAMERA_JOINTS, pose, strict=True))
+        held = {**robot.STOWED, **dict(zip(robot.CAMERA_JOINTS, pose, strict=True))}
         data.qpos[:] = robot.qpos_from_joints(model, held)
         mujoco.mj_kinematics(model, data)
         site = data.site(robot.CAMERA_SITE)

@@ -79,12 +79,12 @@ def find_events(record: Record, num_poses: int, options: SightOptions, period: f
 
 def held(events: Events) -> np.ndarray:
     """Which events a camera sees that is held at every pose, shape (n, npose)."""
-    return events.shows.any(axis=1)
+    return np.asarray(events.shows.any(axis=1))
 
 
 def anywhere(events: Events) -> np.ndarray:
     """Which events a camera sees that looks from all poses at once, shape (n,)."""
-    return events.shows.any(axis=(1, 2))
+    return np.asarray(events.shows.any(axis=(1, 2)))
 
 
 def look_around(events: Events, travel: np.ndarray, start: int) -> np.ndarray:

@@ -88,9 +88,8 @@ def plot(result: dict[str, Any], path: Path) -> None:
     groups, sight = result["groups"], result["sight"]
     figure = Figure(figsize=(4.2 * len(groups) + 0.6, 3.4), layout="constrained")
     grid = figure.subplots(1, len(groups), squeeze=False)[0]
-    image = None
     for axes, group in zip(grid, groups, strict=True):
-        image = axes.imshow(
+        axes.imshow(
             list(zip(*group["unseen"], strict=True)),
             origin="lower",
             vmin=0.0,
@@ -117,6 +116,6 @@ def plot(result: dict[str, Any], path: Path) -> None:
             f"to and fro {swing['unseen']:.2f}, looking around {around['unseen']:.2f}",
             fontsize=8,
         )
-    figure.colorbar(image, ax=list(grid), label="episodes with something unseen")
+    figure.colorbar(grid[0].images[0], ax=list(grid), label="episodes with something unseen")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=90)
