@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 
 import spin_rl.gym_env
+from spin_rl.config import ConfigError
 from spin_rl.tasks.nav.config import NavConfig
 
 STEPS = 8
@@ -280,7 +281,11 @@ def test_the_configuration_of_a_policys_evaluation_has_its_inputs():
         (spin_rl.evaluation_config, {"overrides": ["task.dificulty=1"]}, "did you mean task.difficulty"),
         (spin_rl.training_config, {"overrides": ["reward=shape"]}, "reward: unknown 'shape'"),
         (spin_rl.evaluation_config, {"overrides": "robot=re1"}, "overrides: expected a list"),
-        (spin_rl.evaluation_config, {"policy": "pick-depth"}, "policy: pick-depth was trained with task=pick"),
+        (
+            spin_rl.evaluation_config,
+            {"policy": "pick-depth"},
+            "policy: pick-depth was trained with task=pick",
+        ),
     ],
 )
 def test_what_is_no_configuration_is_one_line(make, given, message):
