@@ -28,9 +28,18 @@ class RunLog:
     """Writes a run's file."""
 
     def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:
-        """Begin the file; `facts` are what a replay must know, as JSON can hold it."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "w", encoding="utf-8")
+        """Begin the file; `facts` are what a replay must know, as JSON can hold it.
+
+        Raises:
+            ConfigError: It cannot be written, or is no regular file.
+        """
+        try:
+            if path.exists() and not path.is_file():
+                raise ConfigError(f"log: {path} is not a regular file")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(path, "w", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"log: cannot write {path}: {error.strerror}") from None
         self._write({"format": _FORMAT, **facts})
 
     def start(self, state: RobotState, goal: np.ndarray | None, object_b: np.ndarray | None) -> None:

@@ -49,6 +49,15 @@ def test_arriving_and_being_stopped_have_their_status(monkeypatch, capsys):
         (["policy=x.onnx"], "backend: a value is needed"),
         (["policy=x.onnx", "backend=fake_robot"], "there is no file x.onnx"),
         ([f"policy={DATA / 'tiny_nav.onnx'}", "backend=spot"], "backend: unknown 'spot'"),
+        ([f"policy={DATA / 'tiny_nav.onnx'}", "backend=os"], "backend: the module os has no open_robot"),
+        (
+            [f"policy={DATA / 'tiny_nav.onnx'}", "backend=fake_robot", "goal=[1,0]", "log=/tmp"],
+            "log: /tmp is",
+        ),
+        (
+            [f"policy={DATA / 'tiny_nav.onnx'}", "backend=fake_robot", "goal=[1,0]", "log=/dev/null/x"],
+            "log: cannot write /dev/null/x",
+        ),
         ([f"policy={DATA / 'tiny_nav.onnx'}", "backend=fake_robot"], "goal: tiny_nav needs one"),
         ([f"policy={DATA / 'tiny_pick.onnx'}", "backend=fake_robot"], "object: tiny_pick needs one"),
         (["speed_scale=2"], "speed_scale: expected"),

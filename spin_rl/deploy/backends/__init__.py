@@ -34,6 +34,8 @@ def open_backend(name: str, settings: Mapping[str, Any], contract: Contract) -> 
         raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
     except ImportError as error:
         raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
+    if not hasattr(module, "open_robot"):
+        raise ConfigError(f"backend: the module {name} has no open_robot, so it is no robot")
     try:
         return module.open_robot(settings, contract)
     except ImportError as error:  # of a library that only this back end needs
