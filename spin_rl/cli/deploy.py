@@ -17,10 +17,10 @@ from typing import Annotated, Any
 import numpy as np
 
 from spin_rl import __version__
-from spin_rl.config import POSITIVE, ConfigError, Range, from_mapping
+from spin_rl.config import POSITIVE, ConfigError, Range, from_keys, from_mapping
 from spin_rl.deploy.backends import BACKENDS, open_backend
 from spin_rl.deploy.fetch.agent import files_of, open_agent
-from spin_rl.deploy.log import RunLog, pack, read_log
+from spin_rl.deploy.log import RunLog, damage_named, pack, read_log
 from spin_rl.deploy.loop import DONE, ControlLoop, Outcome
 from spin_rl.deploy.replay import replay
 
@@ -53,6 +53,15 @@ class Options:
     speed_scale: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
     log: Path | None = None
     replay: Path | None = None
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What of a log's first line a replay must know."""
+
+    policy: Path
+    sha256: str
+    speed_scale: Annotated[float, Range(0.0, 1.0, above=True)]
 
 
 def main() -> None:
@@ -130,11 +139,13 @@ def _deploy(options: Options, settings: dict[str, Any]) -> int:
 def _replay(options: Options) -> int:
     assert options.replay is not None
     run = read_log(options.replay)
-    path = options.policy or Path(run.facts["policy"])
-    if _digest(path) != run.facts["sha256"]:
+    with damage_named(options.replay, "its first line"):
+        facts = from_keys(Facts, run.facts)
+    path = options.policy or facts.policy
+    if _digest(path) != facts.sha256:
         print(f"warning: {path} is not the file that ran then", file=sys.stderr)
-    result = replay(run, open_agent(path, run.facts["speed_scale"]))
-    ended = run.end["reason"] if run.end is not None else "nobody wrote how it ended"
+    result = replay(run, open_agent(path, facts.speed_scale))
+    ended = "nobody wrote how it ended" if run.end is None else run.end.get("reason")
     print(f"{options.replay}: {result.steps} steps ({ended})")
     print(f"largest difference: actions {result.action_error:.2e}, commands {result.command_error:.2e}")
     print("the same" if result.agrees else f"differs from step {result.first} on")

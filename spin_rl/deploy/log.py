@@ -7,21 +7,28 @@ filter gets, compressed; what is measured is written with all its digits.
 from __future__ import annotations
 
 import base64
+import contextlib
 import dataclasses
 import json
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from spin_rl.config import ConfigError
+from spin_rl import robot
+from spin_rl.config import ConfigError, Range, check_value, short
 from spin_rl.deploy.agent import Inputs
 from spin_rl.deploy.interface import Command, RobotState
 
 _FORMAT = 1
+_LENGTHS = {"joints": 8, "joint_velocity": 8, "joint_speed": 8, "base": 3, "base_velocity": 2}
+_KINDS = {"homed": bool, "runstop": bool} | dict.fromkeys(
+    ("stamp_s", "forward", "turn"), Annotated[float, Range()]
+)
+"""What fields of states and commands are."""
 
 
 class RunLog:
@@ -100,11 +107,9 @@ class LoggedRun:
         """Read the steps one after the other."""
         for line in _lines(self.path):
             if "tick" in line:
-                depth = None if line["depth"] is None else unpack_image(line["depth"])
-                told = {name: np.array(values, dtype=np.float32) for name, values in line["told"].items()}
-                inputs = Inputs(_state(line["state"]), depth, told)
-                command = Command(**{key: _array(value) for key, value in line["command"].items()})
-                yield LoggedStep(line["tick"], inputs, np.array(line["action"]), command)
+                with damage_named(self.path, f"tick {line['tick']}"):
+                    step = _step(line)
+                yield step
 
 
 def read_log(path: Path) -> LoggedRun:
@@ -122,14 +127,29 @@ def read_log(path: Path) -> LoggedRun:
     if not begun:
         raise ConfigError(f"replay: {path} ends before anything moved")
     end = [line["end"] for line in lines if "end" in line]
-    return LoggedRun(
-        facts=lines[0],
-        state=_state(begun[0]["start"]),
-        goal=_array(begun[0]["goal"]),
-        object_b=_array(begun[0]["object"]),
-        end=end[-1] if end else None,
-        path=path,
-    )
+    with damage_named(path, "start"):
+        return LoggedRun(
+            facts=lines[0],
+            state=_state(begun[0]["start"]),
+            goal=_point(begun[0]["goal"], 2),
+            object_b=_point(begun[0]["object"], 3),
+            end=check_value(dict[str, Any], end[-1], "end") if end else None,
+            path=path,
+        )
+
+
+@contextlib.contextmanager
+def damage_named(path: Path, where: str) -> Iterator[None]:
+    """Say in one line that a log holds something else than what was written.
+
+    Raises:
+        ConfigError: In place of the errors of reading what is missing or of another kind.
+    """
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError, zlib.error) as error:
+        reason = str(error).partition("\n")[0]
+        raise ConfigError(f"replay: {path} is damaged, {where}: {type(error).__name__}: {reason}") from None
 
 
 def pack(value: Any) -> Any:
@@ -153,12 +173,35 @@ def unpack_image(packed: Mapping[str, Any]) -> np.ndarray:
     return np.frombuffer(data, dtype="<f4").reshape(packed["shape"])
 
 
+def _step(line: Mapping[str, Any]) -> LoggedStep:
+    depth = None if line["depth"] is None else unpack_image(line["depth"])
+    told = {name: np.array(values, dtype=np.float32) for name, values in line["told"].items()}
+    inputs = Inputs(_state(line["state"]), depth, told)
+    command = Command(**_fields(line["command"]))
+    return LoggedStep(line["tick"], inputs, _numbers(line["action"], len(robot.ACTIONS)), command)
+
+
 def _state(packed: Mapping[str, Any]) -> RobotState:
-    return RobotState(**{key: _array(value) for key, value in packed.items()})
+    return RobotState(**_fields(packed))
 
 
-def _array(value: Any) -> Any:
-    return np.array(value) if isinstance(value, list) else value
+def _fields(packed: Mapping[str, Any]) -> dict[str, Any]:
+    """Read numbers, truths, and arrays of a known length."""
+    return {
+        key: _numbers(value, _LENGTHS[key]) if key in _LENGTHS else check_value(_KINDS[key], value, key)
+        for key, value in packed.items()
+    }
+
+
+def _point(value: Any, length: int) -> np.ndarray | None:
+    return None if value is None else _numbers(value, length)
+
+
+def _numbers(value: Any, length: int) -> np.ndarray:
+    numbers = np.array(value, dtype=float)
+    if numbers.shape != (length,):
+        raise ValueError(f"expected {length} numbers, got {short(value)}")
+    return numbers
 
 
 def _lines(path: Path) -> Iterator[dict[str, Any]]:

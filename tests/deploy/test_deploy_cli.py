@@ -3,11 +3,13 @@
 import sys
 
 import fake_robot
+import numpy as np
 import pytest
-from fake_robot import DATA
+from fake_robot import DATA, STATE
 
 from spin_rl.cli import deploy as command
 from spin_rl.config import ConfigError
+from spin_rl.deploy.log import RunLog
 
 
 def call(monkeypatch, *arguments):
@@ -85,3 +87,10 @@ def test_robots_of_packages_that_are_missing(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ConfigError, match=r"needs a package that is not installed.*not_installed_here"):
         command.open_backend("needy_robot", {}, None)
+
+
+def test_a_log_that_does_not_tell_its_policy_is_refused(monkeypatch, capsys, tmp_path):
+    log = tmp_path / "a.jsonl"
+    RunLog(log, {"policy": 5}).start(STATE, np.zeros(2), None)
+    assert call(monkeypatch, f"replay={log}") == 2
+    assert f"replay: {log} is damaged, its first line" in capsys.readouterr().err
