@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from spin_rl import paths
 
@@ -29,8 +29,25 @@ class Policy(Protocol):
         ...
 
 
+@runtime_checkable
+class Entering(Protocol):
+    """A policy that does something in an environment before its first episode there, such as mapping it."""
+
+    def enter(self, env: Any) -> None:
+        """Get to know the environment that it will act in."""
+        ...
+
+
 PolicyFactory = Callable[["TensorDict", str], Policy]
 """Makes a policy for the observations and device of an environment."""
+
+
+def make_in(env: Any, make: PolicyFactory) -> Policy:
+    """Make the policy that is to act in a task's environment."""
+    policy = make(env.get_observations(), env.device)
+    if isinstance(policy, Entering):
+        policy.enter(env)
+    return policy
 
 
 def find_policy(name_or_path: str | Path) -> Path:

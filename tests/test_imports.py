@@ -13,6 +13,7 @@ LAYERS = (  # a package imports from those of the lines below its own
     {"cli"},
     {"analysis", "export", "gym_env", "reproduce", "speed"},
     {"benchmark", "viewer"},
+    {"baselines"},
     {"tasks", "runners"},
     {"detection"},
     {"deploy"},

@@ -38,20 +38,23 @@ def run_drives(
     Returns:
         Episodes of every condition.
     """
-
-    def measure() -> dict[str, torch.Tensor]:
-        assert env.last_transition is not None
-        return {
-            "distance": env.last_transition.goal_distance,
-            "parts": env.sim.views.part_contacts,
-            "way": env.final_way,
-            "driven": env.final_driven,
-        }
-
     # Conditions alternate, so that every round has about the same mix of short and long episodes.
     queue = np.tile(np.arange(conditions), episodes)
-    everything = run_rounds(env, policy, queue, prepare, measure, DriveEpisodes, report=report)
+    everything = run_rounds(
+        env, policy, queue, prepare, lambda: drive_figures(env), DriveEpisodes, report=report
+    )
     return [everything.select(queue == c) for c in range(conditions)]
+
+
+def drive_figures(env: NavEnv) -> dict[str, torch.Tensor]:
+    """What `DriveEpisodes` have beside outcome and steps, of the step just made."""
+    assert env.last_transition is not None
+    return {
+        "distance": env.last_transition.goal_distance,
+        "parts": env.sim.views.part_contacts,
+        "way": env.final_way,
+        "driven": env.final_driven,
+    }
 
 
 def describe_drives(cfg: NavConfig) -> dict[str, Any]:

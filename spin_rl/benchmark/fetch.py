@@ -12,7 +12,15 @@ import numpy as np
 
 from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, summarize, wilson_interval
 from spin_rl.benchmark.reach import REACH_CELLS
-from spin_rl.benchmark.rounds import Announce, Report, check_counts, describe_task, run_rounds, run_seeds
+from spin_rl.benchmark.rounds import (
+    Announce,
+    Report,
+    WatchPolicy,
+    check_counts,
+    describe_task,
+    run_rounds,
+    run_seeds,
+)
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.scenes.kinds import DIFFICULTIES
 from spin_rl.scenes.objects.shapes import OBJECTS
@@ -62,6 +70,7 @@ def evaluate_fetch(
     num_envs: int | None = None,
     announce: Announce | None = None,
     report: Report = print,
+    watch: WatchPolicy | None = None,
 ) -> dict[str, Any]:
     """Run the benchmark.
 
@@ -79,6 +88,7 @@ def evaluate_fetch(
         num_envs: Most worlds at once; None takes all episodes at once as far as that is sensible.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
+        watch: Looks on, see `rounds.run_seeds`.
 
     Returns:
         `policy`, `pick`, `benchmark`, `overall`, `rows` (see `summarize_fetches`, with `scenario` and
@@ -99,6 +109,7 @@ def evaluate_fetch(
         num_envs=num_envs,
         announce=announce,
         report=report,
+        watch=watch,
     )
 
     def told(fetches: Fetches) -> dict[str, Any]:

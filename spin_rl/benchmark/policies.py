@@ -1,4 +1,4 @@
-"""What can be evaluated: policy files, and what learned nothing."""
+"""What can be evaluated: policy files, baselines, and what learned nothing."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from spin_rl.baselines.registry import BASELINES
 from spin_rl.benchmark import settings
 from spin_rl.config import ConfigError
 from spin_rl.deferred import Deferred
 from spin_rl.policy import PolicyFactory, find_policy
+from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec
 
 SHIPPED = {"pick": {False: "pick-teacher", True: "pick-depth"}}
@@ -24,6 +26,9 @@ UNTRAINED: Mapping[str, PolicyFactory] = MappingProxyType(
     }
 )
 """What acts in any task without having learned, by name."""
+
+UNSAVED = (*UNTRAINED, *BASELINES)
+"""Names of policies that are no files."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +51,22 @@ class PolicySource:
         """Name of the task that it was trained in; None where there was no training."""
         return self.trained.get("task", {}).get("name")
 
+    def check(self, task: TaskConfig) -> None:
+        """Reject a task's configuration in which it cannot act.
+
+        Raises:
+            ConfigError: One line that names the key.
+        """
+        for name in self.names.values():
+            if name in BASELINES:
+                BASELINES[name].check(name, task)
+
 
 def open_policy(name: str, key: str = "policy") -> PolicySource:
     """Find a policy.
 
     Args:
-        name: Shipped policy, checkpoint, run directory, .safetensors file, or one of `UNTRAINED`.
+        name: Shipped policy, checkpoint, run directory, .safetensors file, or one of `UNSAVED`.
         key: What names it on the command line.
 
     Raises:
@@ -60,6 +75,8 @@ def open_policy(name: str, key: str = "policy") -> PolicySource:
     check_name(name, key)
     if name in UNTRAINED:
         return PolicySource({key: name}, {}, UNTRAINED[name])
+    if name in BASELINES:
+        return PolicySource({key: name}, BASELINES[name].needs, BASELINES[name].make)
     from spin_rl.runners.policy_file import read_policy
 
     try:
@@ -75,12 +92,12 @@ def check_name(name: str, key: str = "policy") -> None:
     Raises:
         ConfigError: One line that names the key and the shipped policies.
     """
-    if name in UNTRAINED:
+    if name in UNSAVED:
         return
     try:
         find_policy(name)
     except FileNotFoundError as error:
-        raise ConfigError(f"{key}: {error} Always there: {', '.join(UNTRAINED)}.") from None
+        raise ConfigError(f"{key}: {error} Always there: {', '.join(UNSAVED)}.") from None
 
 
 def open_for(
@@ -105,6 +122,8 @@ def open_for(
         else:
             source = open_policy(name, key)
         check_task(key, name, source.task, task, spec.name)
+        if name in BASELINES and len(spec.policies) > 1:
+            raise ConfigError(f"{key}: {name} takes no turns with others, as task={spec.name} needs")
         sources.append(source)
     if len(sources) == 1:
         return sources[0]
@@ -113,6 +132,12 @@ def open_for(
         settings.of_fetch(*(source.trained for source in sources)),
         lambda obs, device: spec.join(*(source.make(obs, device) for source in sources)),
     )
+
+
+def of_task(spec: TaskSpec) -> tuple[str, ...]:
+    """Names of the policies that are no files and can act in a task."""
+    own = [name for name, baseline in BASELINES.items() if list(spec.policies.values()) == [baseline.task]]
+    return (*own, *UNTRAINED)
 
 
 def reads_images(source: PolicySource) -> bool:
@@ -136,4 +161,5 @@ def check_task(key: str, name: str, own: str | None, wanted: str, task: str) -> 
     if own in (None, wanted):
         return
     needs = f", which is not task={task}" if wanted == task else f"; a {task} needs one of task={wanted}"
-    raise ConfigError(f"{key}: {name} was trained with task={own}{needs}")
+    relation = "acts in" if name in BASELINES else "was trained with"
+    raise ConfigError(f"{key}: {name} {relation} task={own}{needs}")

@@ -8,6 +8,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+from spin_rl.benchmark.tables import dynamic as dynamic_report
 from spin_rl.benchmark.tables import fetch as fetch_report
 from spin_rl.benchmark.tables import pick as pick_report
 from spin_rl.benchmark.tables import reach as report
@@ -74,6 +75,14 @@ _ALL = (
         places.scenes_table,
         places.headline,
         scene_files=True,
+    ),
+    Benchmark(
+        "dynamic",
+        "nav",
+        "nav",
+        _run("dynamic", "evaluate_dynamic"),
+        dynamic_report.table,
+        dynamic_report.headline,
     ),
     Benchmark(
         "pick", "pick", "tabletop", _run("pick", "evaluate_pick"), pick_report.table, pick_report.headline

@@ -15,7 +15,7 @@ import torch
 from spin_rl.benchmark.metrics import Episodes
 from spin_rl.config import ConfigError
 from spin_rl.machine import commit
-from spin_rl.policy import Policy, PolicyFactory
+from spin_rl.policy import Policy, PolicyFactory, make_in
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.common.env import TaskEnv
 
@@ -77,7 +77,7 @@ def run_seeds(
     nworld = batch_size(total, num_envs, device) if watch is None else one_batch(total, num_envs)
     with announce(f"Starting {nworld} worlds on {device}") if announce else contextlib.nullcontext():
         env = make_env(nworld)
-    policy = make_policy(env.get_observations(), device)
+    policy = make_in(env, make_policy)
     env.health.clear()
     per_seed = []
     stopped = False

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from spin_rl.baselines.registry import BASELINES
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR, POLICY_DIR
 from spin_rl.policy import task_in_header
@@ -66,6 +67,7 @@ def policies() -> list[Row]:
         text = card.read_text().split("\n\n")[1] if card.is_file() else ""
         about = text.partition(". ")[0].partition(": ")[0].partition(";")[0]
         rows.append((file.stem, f"task={task_in_header(file)}: {about}"))
+    rows += [(name, f"task={known.task}: a baseline, docs/baselines.md") for name, known in BASELINES.items()]
     return [*rows, ("zero, random", "any task: what learned nothing")]
 
 

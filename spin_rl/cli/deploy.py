@@ -20,7 +20,7 @@ from spin_rl import __version__
 from spin_rl.config import POSITIVE, ConfigError, Range, from_keys, from_mapping
 from spin_rl.deploy.backends import BACKENDS, open_backend
 from spin_rl.deploy.fetch.agent import files_of, open_agent
-from spin_rl.deploy.log import RunLog, damage_named, pack, read_log
+from spin_rl.deploy.log import RunLog, pack, read_log, whole
 from spin_rl.deploy.loop import DONE, ControlLoop, Outcome
 from spin_rl.deploy.replay import replay
 
@@ -56,10 +56,11 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Facts:
-    """What of a log's first line a replay must know."""
+class _Facts:
+    """What a replay must know of a run."""
 
     policy: Path
+    name: str
     sha256: str
     speed_scale: Annotated[float, Range(0.0, 1.0, above=True)]
 
@@ -139,13 +140,16 @@ def _deploy(options: Options, settings: dict[str, Any]) -> int:
 def _replay(options: Options) -> int:
     assert options.replay is not None
     run = read_log(options.replay)
-    with damage_named(options.replay, "its first line"):
-        facts = from_keys(Facts, run.facts)
+    with whole(options.replay):
+        facts = from_keys(_Facts, run.facts, "replay")
     path = options.policy or facts.policy
+    agent = open_agent(path, facts.speed_scale)
+    if agent.contract.name != facts.name:
+        raise ConfigError(f"policy: {path} is {agent.contract.name}, and {options.replay} is of {facts.name}")
     if _digest(path) != facts.sha256:
         print(f"warning: {path} is not the file that ran then", file=sys.stderr)
-    result = replay(run, open_agent(path, facts.speed_scale))
-    ended = "nobody wrote how it ended" if run.end is None else run.end.get("reason")
+    result = replay(run, agent)
+    ended = run.end["reason"] if run.end is not None else "nobody wrote how it ended"
     print(f"{options.replay}: {result.steps} steps ({ended})")
     print(f"largest difference: actions {result.action_error:.2e}, commands {result.command_error:.2e}")
     print("the same" if result.agrees else f"differs from step {result.first} on")

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
+from spin_rl.baselines.registry import BASELINES
 from spin_rl.benchmark import policies, settings
 from spin_rl.benchmark import registry as benchmarks
 from spin_rl.benchmark.tables import backend as backend_report
@@ -44,8 +45,8 @@ _VIDEOS = 2
 
 Angle = Annotated[float, Range()]
 
-_AGAIN = ("nav", "pick")
-"""Tasks whose episodes another simulator can run again."""
+_SAME_FETCHES = "place"
+"""The benchmark that tells of another's episodes."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,7 @@ def evaluate(call: common.Call) -> bool:
     spec.check(call.values)
     source = policies.open_for(spec, {"policy": options.policy, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
+    source.check(task)
     mistake = settings.unused_depth(task, options.overrides) or settings.unused_cell(options.overrides)
     if mistake is not None:
         raise ConfigError(mistake)
@@ -195,16 +197,21 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
 
 
 def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], task: Any) -> dict[str, Any]:
-    from spin_rl.benchmark import backend
-    from spin_rl.export.write import export_policy
+    from spin_rl.benchmark.backend import again
+    from spin_rl.export.write import export_fetch, export_policy
     from spin_rl.runners.policy_file import read_policy
 
     with tempfile.TemporaryDirectory() as folder:
-        exported = export_policy(read_policy(options.policy), Path(folder) / "policy.onnx")
-        return backend.evaluate_again(
+        path = Path(folder)
+        if options.benchmark.task == "fetch":
+            export_fetch(options.policy, options.pick, path, task)
+        else:
+            path /= "policy.onnx"
+            export_policy(read_policy(options.policy), path)
+        return again.evaluate_again(
             batched,
             task,
-            exported.path,
+            path,
             backend=str(options.backend),
             renderer=options.renderer,
             processes=options.processes,
@@ -310,7 +317,7 @@ def _check(options: Options, spec: TaskSpec) -> None:
     if options.pick is not None and "pick" not in spec.policies:
         takes_turns = _those(lambda known: "pick" in find_task(known.task).policies)
         raise ConfigError(f"pick: {options.pick} needs {takes_turns}")
-    _check_backend(options, spec)
+    _check_backend(options)
     if options.fresh:
         raise ConfigError(f"fresh: needs table=<name>, of {', '.join(TABLES)}")
     if options.videos is not None:
@@ -324,6 +331,8 @@ def _check(options: Options, spec: TaskSpec) -> None:
         raise ConfigError(
             f"analysis: {options.analysis} needs {_those(lambda known: known.name in analysed)}"
         )
+    if options.policy in BASELINES and options.analysis == "camera":
+        raise ConfigError(f"analysis: camera needs a policy with one, which {options.policy} has not")
     if options.scene_file is not None and options.analysis == "camera":
         raise ConfigError("scene: analysis=camera runs in the benchmark's corridors, not in a scene file")
     if options.plot is not None:
@@ -343,7 +352,7 @@ def _check_videos(options: Options) -> None:
         require(module, package, "viewer", "videos")
 
 
-def _check_backend(options: Options, spec: TaskSpec) -> None:
+def _check_backend(options: Options) -> None:
     """Reject what cannot be run in another simulator."""
     if options.backend is None:
         for override in options.overrides:
@@ -352,11 +361,11 @@ def _check_backend(options: Options, spec: TaskSpec) -> None:
         return
     if options.analysis is not None:
         raise ConfigError(f"backend: analysis={options.analysis} looks at the batched simulation alone")
-    if spec.name not in _AGAIN:
-        name = options.benchmark.name
-        raise ConfigError(f"backend: benchmark={name} cannot be run in the deploy loop yet")
-    if options.policy in policies.UNTRAINED:
-        raise ConfigError(f"policy: {options.policy} cannot be exported, as backend={options.backend} needs")
+    if options.benchmark.name == _SAME_FETCHES:
+        raise ConfigError(f"backend: benchmark={_SAME_FETCHES} tells of a part alone, say benchmark=fetch")
+    for key, name in (("policy", options.policy), ("pick", options.pick)):
+        if name in policies.UNSAVED:
+            raise ConfigError(f"{key}: {name} cannot be exported, as backend={options.backend} needs")
 
 
 def _those(fits: Callable[[benchmarks.Benchmark], bool]) -> str:

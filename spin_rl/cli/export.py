@@ -34,10 +34,9 @@ def export(call: common.Call) -> None:
     """Write the file or the bundle, and say how well it agrees with the policy; or show a file."""
     options = from_keys(Options, call.values)
     if options.show is not None:
-        from spin_rl.deploy.network import Network
-        from spin_rl.deploy.text import full_text
-
-        print(full_text(Network(options.show).contract))
+        if options.policy is not None:
+            raise ConfigError("show: exports nothing, leave policy= out")
+        _show(options.show)
         return
     if options.policy is None:
         raise ConfigError("policy: a name or path is needed, or show=<file.onnx>")
@@ -53,7 +52,7 @@ def export(call: common.Call) -> None:
     if not options.fetch:
         common.make_folder_of(path, f"{name}.onnx")
     elif path.exists() and not path.is_dir():
-        raise ConfigError(f"out: {path} is a file; a fetch needs a folder")
+        raise ConfigError(f"out: {path} is a file; a fetch is a folder")
     written = _write(options.policy, options.pick, path, options.fetch)
     for done in written:
         parity = done.parity
@@ -83,6 +82,21 @@ def _write(policy: str, pick: str | None, path: Path, fetch: bool) -> list[Expor
     except ValueError as error:
         raise ConfigError(f"policy: {error}") from None
     return [export_policy(source, path)]
+
+
+def _show(path: Path) -> None:
+    """Print what a file says of itself, or all files of a fetch."""
+    from spin_rl.deploy.fetch.agent import files_of
+    from spin_rl.deploy.network import Network
+    from spin_rl.deploy.text import full_text
+
+    files = files_of(path)
+    if not files:
+        raise ConfigError(f"show: {path} holds no exported policy")
+    for file in files:
+        print(
+            file.read_text(encoding="utf-8") if file.suffix == ".json" else full_text(Network(file).contract)
+        )
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from spin_rl.cli import common
 from spin_rl.cli.task_choice import with_task
 from spin_rl.config import Choice, ConfigError, Range, from_keys
 from spin_rl.paths import POLICY_DIR
+from spin_rl.policy import make_in
 from spin_rl.scenes.kinds import DIFFICULTIES, FAMILIES, SCENARIOS, number_of
 from spin_rl.scenes.rooms.params import FamilyParams, scene_class
 from spin_rl.tasks.common.config import TaskConfig
@@ -110,7 +111,7 @@ def play(call: common.Call) -> None:
         with Browser(options.host, options.port) as browser:
             browser.run(
                 lambda name: players.open(name, options.worlds),
-                policies=list(dict.fromkeys([options.policy, *names, *policies.UNTRAINED])),
+                policies=list(dict.fromkeys([options.policy, *names, *policies.of_task(spec)])),
                 scenario=options.scenario,
                 difficulty=options.level,
             )
@@ -180,6 +181,7 @@ class Players:
         opened, self._opened = self._opened, None
         source = policies.open_for(self._spec, {"policy": policy, "pick": options.pick}, opened)
         task = self._spec.configure(settings.for_policy(self._call.values, source.trained, overrides))
+        source.check(task)
         idle = settings.unused_depth(task, overrides)
         if idle is not None:  # no error: the browser's menu has other policies
             print(f"warning: {idle}", file=sys.stderr)
@@ -190,7 +192,7 @@ class Players:
                 self._envs[key] = self._start(task, worlds)
         env = self._envs[key]
         title = ", ".join(Path(name).stem for name in source.names.values())
-        player = Player(env, source.make(env.get_observations(), options.device), title)
+        player = Player(env, make_in(env, source.make), title)
         player.start(options.scenario, options.level, seed=options.seed)
         return player
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spin_rl.benchmark.policies import UNTRAINED, PolicySource, open_policy
+from spin_rl.benchmark.policies import UNSAVED, PolicySource, open_policy
 from spin_rl.benchmark.registry import BENCHMARKS, find
 from spin_rl.cli.common import Completed
 from spin_rl.config import ConfigError
@@ -37,7 +37,7 @@ def with_task(arguments: list[str], key: str = "policy") -> Completed:
 
 def _task_of(name: str, key: str) -> tuple[str | None, PolicySource | None]:
     """Find the task of a policy, None if it is of none, and open the policy where there is no quicker way."""
-    if name in ("", *UNTRAINED):
+    if name in ("", *UNSAVED):
         return None, None
     try:
         task = task_in_header(find_policy(name))

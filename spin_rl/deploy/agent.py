@@ -113,8 +113,7 @@ class Agent:
         )
         groups = {**inputs.told, **self._observer(now)}
         if self._filter is not None:
-            if inputs.depth is None:
-                raise ValueError(f"{self.contract.name} reads images, and there is none")
+            assert inputs.depth is not None
             groups["depth"] = as_pixels(self._filter.update(inputs.depth))
         return groups
 

@@ -24,7 +24,7 @@ class MonotonicClock:
 class StopSignals:
     """Notes Ctrl-C, SIGTERM and a lost terminal while it is entered; a second one is a `KeyboardInterrupt`.
 
-    A robot that is being stopped must not be left at it: see `ignore`.
+    There is one interrupt at most. A robot that is being stopped must not be left at it: see `ignore`.
 
     Attributes:
         name: Of the signal that came, None if none did.
@@ -58,5 +58,6 @@ class StopSignals:
         if self._ignores:
             return
         if self.name is not None:
+            self._ignores = True
             raise KeyboardInterrupt
         self.name = signal.Signals(number).name

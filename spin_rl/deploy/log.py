@@ -25,9 +25,8 @@ from spin_rl.deploy.interface import Command, RobotState
 
 _FORMAT = 1
 _LENGTHS = {"joints": 8, "joint_velocity": 8, "joint_speed": 8, "base": 3, "base_velocity": 2}
-_KINDS = {"homed": bool, "runstop": bool} | dict.fromkeys(
-    ("stamp_s", "forward", "turn"), Annotated[float, Range()]
-)
+_KINDS: dict[str, Any] = {"homed": bool, "runstop": bool}
+_KINDS |= dict.fromkeys(("stamp_s", "forward", "turn"), Annotated[float, Range()])
 """What fields of states and commands are."""
 
 
@@ -38,15 +37,15 @@ class RunLog:
         """Begin the file; `facts` are what a replay must know, as JSON can hold it.
 
         Raises:
-            ConfigError: It cannot be written, or is no regular file.
+            ConfigError: It cannot be written.
         """
         try:
-            if path.exists() and not path.is_file():
-                raise ConfigError(f"log: {path} is not a regular file")
+            if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would wait for a reader
+                raise ConfigError(f"log: {path} cannot be written: it is not a regular file")
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(path, "w", encoding="utf-8")
         except OSError as error:
-            raise ConfigError(f"log: cannot write {path}: {error.strerror}") from None
+            raise ConfigError(f"log: {path} cannot be written: {error.strerror}") from None
         self._write({"format": _FORMAT, **facts})
 
     def start(self, state: RobotState, goal: np.ndarray | None, object_b: np.ndarray | None) -> None:
@@ -107,9 +106,7 @@ class LoggedRun:
         """Read the steps one after the other."""
         for line in _lines(self.path):
             if "tick" in line:
-                with damage_named(self.path, f"tick {line['tick']}"):
-                    step = _step(line)
-                yield step
+                yield _step(line)
 
 
 def read_log(path: Path) -> LoggedRun:
@@ -127,29 +124,30 @@ def read_log(path: Path) -> LoggedRun:
     if not begun:
         raise ConfigError(f"replay: {path} ends before anything moved")
     end = [line["end"] for line in lines if "end" in line]
-    with damage_named(path, "start"):
+    with whole(path):
         return LoggedRun(
             facts=lines[0],
             state=_state(begun[0]["start"]),
             goal=_point(begun[0]["goal"], 2),
             object_b=_point(begun[0]["object"], 3),
-            end=check_value(dict[str, Any], end[-1], "end") if end else None,
+            end=check_value(dict[str, Any], end[-1], "replay.end") if end else None,
             path=path,
         )
 
 
 @contextlib.contextmanager
-def damage_named(path: Path, where: str) -> Iterator[None]:
-    """Say in one line that a log holds something else than what was written.
+def whole(path: Path) -> Iterator[None]:
+    """Turn what goes wrong while a log is read or replayed into one line.
 
     Raises:
-        ConfigError: In place of the errors of reading what is missing or of another kind.
+        ConfigError: Something is missing there, or is not what it should be.
     """
     try:
         yield
+    except ConfigError:
+        raise
     except (LookupError, TypeError, ValueError, AttributeError, zlib.error) as error:
-        reason = str(error).partition("\n")[0]
-        raise ConfigError(f"replay: {path} is damaged, {where}: {type(error).__name__}: {reason}") from None
+        raise ConfigError(f"replay: {path} is damaged: {type(error).__name__}, {error}") from None
 
 
 def pack(value: Any) -> Any:
@@ -188,7 +186,9 @@ def _state(packed: Mapping[str, Any]) -> RobotState:
 def _fields(packed: Mapping[str, Any]) -> dict[str, Any]:
     """Read numbers, truths, and arrays of a known length."""
     return {
-        key: _numbers(value, _LENGTHS[key]) if key in _LENGTHS else check_value(_KINDS[key], value, key)
+        key: _numbers(value, _LENGTHS[key])
+        if key in _LENGTHS
+        else check_value(_KINDS[key], value, f"replay.{key}")
         for key, value in packed.items()
     }
 

@@ -89,14 +89,18 @@ class ControlLoop:
         self._agent.check_aims(goal, object_b)
         with StopSignals() as self._signals:
             try:
-                state = self._wait_for_inputs()
-                if state is None:
-                    return self._end(str(self._signals.name), True, 0.0)
-                safety.check_start(state)
-                self._begin(state, goal, object_b)
-                return self._drive(max_s)
-            finally:
+                try:
+                    state = self._wait_for_inputs()
+                    if state is None:
+                        return self._end(str(self._signals.name), True, 0.0)
+                    safety.check_start(state)
+                    self._begin(state, goal, object_b)
+                    return self._drive(max_s)
+                finally:
+                    self._stand()
+            except KeyboardInterrupt:  # it may have come before signals were ignored there
                 self._stand()
+                raise
 
     def _begin(self, state: RobotState, goal: np.ndarray | None, object_b: np.ndarray | None) -> None:
         self._steps = self._missed = 0

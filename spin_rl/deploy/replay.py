@@ -8,7 +8,7 @@ import numpy as np
 
 from spin_rl.deploy.agent import Agent
 from spin_rl.deploy.fetch.agent import FetchAgent
-from spin_rl.deploy.log import LoggedRun, damage_named
+from spin_rl.deploy.log import LoggedRun, whole
 
 
 @dataclass(frozen=True)
@@ -37,16 +37,25 @@ TOLERANCE = 1e-6
 
 
 def replay(run: LoggedRun, agent: Agent | FetchAgent) -> Replay:
-    """Replay a run; the agent must have been made as the run's was."""
-    with damage_named(run.path, "start"):
-        agent.check_aims(run.goal, run.object_b)
-        agent.reset(run.state, run.goal, run.object_b)
+    """Replay a run; the agent must have been made as the run's was.
+
+    Raises:
+        ConfigError: The log is damaged, or it is not of this policy.
+    """
+    agent.check_aims(run.goal, run.object_b)
+    with whole(run.path):
+        return _replay(run, agent)
+
+
+def _replay(run: LoggedRun, agent: Agent | FetchAgent) -> Replay:
+    agent.reset(run.state, run.goal, run.object_b)
     steps, worst_action, worst_command, first = 0, 0.0, 0.0, None
     for logged in run.steps():
-        with damage_named(run.path, f"tick {logged.tick}"):  # inputs that the policy does not read
-            agent.progress(logged.inputs)
-            action, command = agent.act(logged.inputs)
-            action_error = float(np.abs(action - logged.action).max())
+        if agent.reads_images and logged.inputs.depth is None:
+            raise ValueError(f"no image at tick {logged.tick}")
+        agent.progress(logged.inputs)
+        action, command = agent.act(logged.inputs)
+        action_error = float(np.abs(action - logged.action).max())
         pairs = zip(
             (command.forward, command.turn, *command.joints),
             (logged.command.forward, logged.command.turn, *logged.command.joints),

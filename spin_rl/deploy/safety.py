@@ -12,7 +12,10 @@ from spin_rl.deploy.contract import Camera, Contract
 from spin_rl.deploy.interface import CameraInfo, Connection, DepthFrame, RobotState
 
 MAX_AGE_S = 0.5
-"""Oldest observation to act on; the base's own firmware stops a second after the last command."""
+"""Oldest observation to act on, and the farthest from the future, which tells of clocks that do not agree.
+
+The base's own firmware stops a second after the last command.
+"""
 _OBJECT_TERMS = {"object_start", "object_start_near", "object_start_close"}
 _LIMIT_SLACK = 0.03
 """How far encoders may read beyond a limit [m, rad]."""
@@ -124,11 +127,11 @@ def why_stop(now_s: float, state: RobotState, frame: DepthFrame | None, reads_im
         return "runstop"
     if not is_finite(state):
         return "the robot's state is not finite"
-    if not now_s - state.stamp_s <= MAX_AGE_S:
+    if not abs(now_s - state.stamp_s) <= MAX_AGE_S:
         return f"the robot's state is {now_s - state.stamp_s:.2f} s old"
     if reads_images and frame is None:
         return "no depth image"
-    if reads_images and frame is not None and not now_s - frame.stamp_s <= MAX_AGE_S:
+    if reads_images and frame is not None and not abs(now_s - frame.stamp_s) <= MAX_AGE_S:
         return f"the depth image is {now_s - frame.stamp_s:.2f} s old"
     return None
 

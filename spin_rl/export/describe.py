@@ -25,6 +25,7 @@ _RESET = (
     "are."
 )
 _NO_SCANDOTS = "it reads the corners of obstacles (scandots), which only a simulator knows"
+_NO_GUARD = "and it was trained behind a guard (task.guard), which is not in this file"
 _DYNAMICS = ("base_lag_s", "joint_lag_s", "speed_scale", "acceleration_scale")
 
 
@@ -69,11 +70,19 @@ def describe(policy: TrainedPolicy, units: int) -> Contract:
             for name, following in parts.STATE.items()
         },
         reset=_RESET,
-        simulation_only=_NO_SCANDOTS if is_simulated else None,
+        simulation_only=_simulation_only(task, is_simulated),
         training=_training(metadata, task),
         parity={},
         model_card=_card(policy.name),
     )
+
+
+def _simulation_only(task: Mapping[str, Any], is_simulated: bool) -> str | None:
+    """Say why a policy is none for a robot, if it is not."""
+    if not is_simulated:
+        return None
+    is_guarded = (task.get("guard") or {}).get("enabled", False)
+    return f"{_NO_SCANDOTS}, {_NO_GUARD}" if is_guarded else _NO_SCANDOTS
 
 
 def _camera(config: Mapping[str, Any], reads_images: bool) -> tuple[parts.Camera, DepthFilterConfig | None]:

@@ -89,23 +89,30 @@ def export_policy(policy: TrainedPolicy, path: Path) -> Exported:
     return Exported(path, contract, parity)
 
 
-def export_fetch(nav: str, pick: str | None, folder: Path) -> list[Exported]:
+def export_fetch(
+    nav: str, pick: str | None, folder: Path, config: FetchConfig | None = None
+) -> list[Exported]:
     """Export the two policies of a fetch and `fetch.json`, the settings of its stages.
 
     Args:
         nav: Name or path of the policy that drives.
         pick: Of the one that picks; None takes the shipped one that sees what `nav` sees.
         folder: To write to.
+        config: Settings of the stages; None takes those of the benchmark.
 
     Raises:
         ConfigError: They do not fit each other, or one cannot be exported.
     """
     source = open_for(FETCH, {"policy": nav, "pick": pick})
-    config = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), source.trained, ()))
-    exported = []
-    for name in source.names.values():
-        policy = read_policy(name)
-        exported.append(export_policy(policy, folder / f"{Path(name).stem}.onnx"))
+    if config is None:
+        config = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), source.trained, ()))
+    stems = [Path(name).stem for name in source.names.values()]
+    if stems[0] == stems[1]:  # such as checkpoints of two runs
+        stems = ["nav", "pick"]
+    exported = [
+        export_policy(read_policy(name), folder / f"{stem}.onnx")
+        for name, stem in zip(source.names.values(), stems, strict=True)
+    ]
     files = [done.path.name for done in exported]
     write_json(folder / "fetch.json", fetch_settings(config, *files))
     return exported

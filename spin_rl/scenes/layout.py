@@ -272,7 +272,7 @@ class Layout:
         Raises:
             ValueError: If the scene needs more slots of a kind than the layout has.
         """
-        fitted = _fit(scene, self.pool)
+        fitted = fit_to_pool(scene, self.pool)
         rows = slice(None) if world is None else world
         for name in self._PER_WORLD:
             array = getattr(self, name)
@@ -282,15 +282,19 @@ class Layout:
 
     def load_each(self, scenes: Sequence[Scene]) -> None:
         """Copy a host scene into every world, see `load`; shape (nworld,)."""
-        fitted = [_fit(scene, self.pool) for scene in scenes]
+        fitted = [fit_to_pool(scene, self.pool) for scene in scenes]
         for name in self._PER_WORLD:
             array = getattr(self, name)
             values = np.stack([getattr(scene, name) for scene in fitted])
             array.assign(values.astype(array.numpy().dtype))
 
 
-def _fit(scene: Scene, pool: PoolSpec) -> Scene:
-    """The same scene in the slots of another pool."""
+def fit_to_pool(scene: Scene, pool: PoolSpec) -> Scene:
+    """Return the same scene in the slots of another pool; itself, where that is its own.
+
+    Raises:
+        ValueError: The scene needs more slots of a kind than the pool has.
+    """
     if scene.pool == pool:
         return scene
     fitted = Scene.empty(pool)

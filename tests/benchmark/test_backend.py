@@ -11,20 +11,26 @@ import numpy as np
 import pytest
 
 from spin_rl import robot
-from spin_rl.benchmark import backend, policies, reach
+from spin_rl.benchmark import policies, reach
+from spin_rl.benchmark.backend import again as backend
+from spin_rl.benchmark.backend.recorder import Recorder
+from spin_rl.benchmark.backend.umpires import DriveUmpire, PickUmpire
 from spin_rl.benchmark.tables import backend as tables
-from spin_rl.benchmark.umpires import DriveUmpire, PickUmpire
 from spin_rl.config import ConfigError
 from spin_rl.deploy.fetch.known import Grip
 from spin_rl.scenes.builder import native_model
 from spin_rl.scenes.scene_file import parse_scene
+from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.noise import DepthNoiseConfig
 from spin_rl.sensors.depth.pipeline import DepthConfig
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.common.config import DynamicsConfig
+from spin_rl.tasks.common.objects.config import SightConfig
+from spin_rl.tasks.nav.config import GuardConfig, NavConfig, NavNoise
 from spin_rl.tasks.pick import episode as pick_episode
 from spin_rl.tasks.pick.config import PickConfig
 
+NOMINAL = DynamicsConfig((0.15, 0.15), (0.1, 0.1), (1.0, 1.0))
 TINY = Path(__file__).parents[1] / "data" / "tiny_nav.onnx"
 
 
@@ -37,7 +43,7 @@ def batched(cfg, device, episodes=1, seeds=(0,)):
 
 
 def test_every_episode_is_run_again_from_its_start_and_paired_by_condition(monkeypatch, device):
-    cfg, seen = NavConfig(episode_s=0.2), []
+    cfg, seen = NavConfig(episode_s=0.2, dynamics=NOMINAL), []
 
     def pretend(start, **settings):
         """Succeed in hard corridors."""
@@ -67,8 +73,8 @@ def test_every_episode_is_run_again_from_its_start_and_paired_by_condition(monke
 
 
 def test_a_recorded_episode_starts_there_and_lasts_as_long(device):
-    cfg = NavConfig(episode_s=1.0)
-    recorder = backend.Recorder()
+    cfg = NavConfig(episode_s=1.0, dynamics=NOMINAL)
+    recorder = Recorder()
     result = batched(cfg, device)(recorder)
     assert [len(group.outcome) for group in recorder.ends] == [6]
     assert (recorder.ends[0].outcome == episode.TIMEOUT).all() and (recorder.ends[0].steps == 10).all()
@@ -89,6 +95,15 @@ def test_what_cannot_be_paired_is_one_line(device):
         (NavConfig(robot_profile="re1"), r"robot\.profile: is re1, and paper in"),
         (NavConfig(depth=noisy), "depth: images of the other simulator are exact"),
         (PickConfig(detector="segmentation"), r"task\.detector: "),
+        (
+            NavConfig(guard=GuardConfig(enabled=True)),
+            r"task\.guard\.enabled: what runs on a robot has no guard",
+        ),
+        (NavConfig(noise=NavNoise(goal_m=0.1)), r"task\.noise\.goal_m: the other simulator measures exactly"),
+        (NavConfig(), r"task\.dynamics\.base_lag_s: is \(0\.1, 0\.2\), and \(0\.15, 0\.15\) in the other"),
+        (NavConfig(goal_range_m=3.0), r"task\.goal_range_m: is 3\.0, and None in the exported"),
+        (NavConfig(depth=DepthConfig(filter=DepthFilterConfig(hold_steps=9))), r"depth\.filter: is "),
+        (PickConfig(sight=SightConfig(far_m=2.0)), r"task\.sight: is "),
     ]
     for config, message in cases:
         with pytest.raises(ConfigError, match=message):
@@ -161,7 +176,7 @@ def test_a_pick_in_c_mujoco_begins_as_in_the_batched_simulation(device):
 
     cfg = PickConfig(end_on_success=True)
     env = PickEnv(cfg, 3, device, 5)
-    recorder = backend.Recorder()
+    recorder = Recorder()
     recorder(env, policies.open_policy("zero").make(env.reset(), device), 0).reset()
     for world, start in enumerate(recorder.starts):
         assert start.thing is not None

@@ -19,7 +19,7 @@ def run_main(monkeypatch, *arguments):
         ([], "policy"),
         (
             ["policy=zero", "benchmark=dance"],
-            "benchmark: unknown 'dance'; choose from reach, rooms, scenes, pick, fetch, place",
+            "benchmark: unknown 'dance'; choose from reach, rooms, scenes, dynamic, pick, fetch, place",
         ),
         (["policy=zero", "episodes=0"], "episodes: at least 1"),
         (["policy=zero", "episodes=many"], "episodes: expected a whole number"),
@@ -66,8 +66,23 @@ def run_main(monkeypatch, *arguments):
         (["policy=zero", "backend=mujoco"], "policy: zero cannot be exported"),
         (["policy=zero", "processes=2"], "processes: needs backend=mujoco"),
         (["policy=zero", "backend=mujoco", "analysis=camera"], "backend: analysis=camera looks at"),
-        (["policy=zero", "benchmark=fetch", "backend=mujoco"], "backend: benchmark=fetch cannot be run"),
+        (
+            ["policy=zero", "benchmark=place", "backend=mujoco"],
+            "backend: benchmark=place tells of",
+        ),
         (["policy=zero", "benchmark=fetch", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
+        (["policy=zero", "benchmark=dynamic", "scene=lab.yaml"], "scene: lab.yaml needs benchmark=reach"),
+        (["policy=zero", "benchmark=dynamic", "analysis=failures"], "analysis: failures needs"),
+        (
+            ["policy=classical", "benchmark=pick"],
+            "policy: classical acts in task=nav, which is not task=pick",
+        ),
+        (["policy=classical", "benchmark=fetch"], "policy: classical takes no turns with others"),
+        (["policy=classical", "task.lidar.enabled=false"], "task.lidar.enabled: policy=classical"),
+        (["policy=classical", "task.goal_range_m=3"], "task.goal_range_m: policy=classical"),
+        (["policy=classical", "analysis=camera"], "analysis: camera needs a policy with one"),
+        (["policy=classical", "backend=mujoco"], "policy: classical cannot be exported"),
+        (["policy=zero", "task.lidar.far_m=0.1"], "task.lidar.far_m must exceed near_m"),
     ],
 )
 def test_bad_input_is_one_line_that_names_the_key(monkeypatch, capfd, tmp_path, arguments, expected):

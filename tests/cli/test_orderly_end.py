@@ -99,6 +99,7 @@ def test_a_sweep_ends_with_the_job_that_was_stopped(monkeypatch, capfd, tmp_path
 
 def test_an_interrupted_evaluation_keeps_the_seeds_that_are_finished(monkeypatch):
     class Env:
+        device = "cpu"
         health = type("Health", (), {"clear": lambda self: None, "read": lambda self: {}})()
 
         def get_observations(self):

@@ -92,7 +92,7 @@ def settings():
         ("resume", 3, "resume: expected a path or null, got 3"),
         ("runner.num_steps_per_env", 0, "runner.num_steps_per_env: expected a whole number from 1"),
         ("runner.steps", 3, "runner.steps is not a setting"),
-        ("runner.obs_groups.actor", ["proprio", "lidar"], "runner.obs_groups.actor must be of proprio, goal"),
+        ("runner.obs_groups.actor", ["proprio", "radar"], "runner.obs_groups.actor must be of proprio, goal"),
     ],
 )
 def test_setting_is_checked(settings, key, value, message):

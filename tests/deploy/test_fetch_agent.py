@@ -86,6 +86,16 @@ def test_each_stage_has_its_policy_and_a_policy_begins_without_memory(fetch):
     assert step(agent, at(0.2), told(at=(0.3, 0.0, 0.05)))[0] == PLACED
 
 
+def test_one_of_the_policies_may_see_images(nav_network, pick_network):
+    blind = replace(nav_network.contract.camera, image=None, focal_px=None, range_m=None)
+    nav = ScriptedNetwork(replace(nav_network.contract, camera=blind, depth_filter=None))
+    agent = FetchAgent(Agent(nav), Agent(ScriptedNetwork(pick_network.contract)), RULES)
+    assert agent.reads_images and agent.contract.name == nav.contract.name
+    assert agent.contract.camera == pick_network.contract.camera
+    other = FetchAgent(Agent(ScriptedNetwork(nav_network.contract)), Agent(nav), RULES)
+    assert other.reads_images and other.contract == nav_network.contract
+
+
 def test_targets_go_on_where_the_other_policy_left_them(fetch):
     agent, *_ = fetch
     begin(agent)
@@ -141,9 +151,16 @@ def test_bundles_are_read_and_checked(tmp_path):
         open_agent(tmp_path / BUNDLE), FetchAgent
     )
     assert [file.name for file in files_of(tmp_path)] == [BUNDLE, "tiny_nav.onnx", "tiny_pick.onnx"]
-    (tmp_path / BUNDLE).write_text(json.dumps({**values, "settings": {**SETTINGS, "retries": "many"}}))
-    with pytest.raises(ConfigError, match="retries: expected a whole number"):
-        open_agent(tmp_path)
+    limits = {name: value for name, value in SETTINGS["limits"].items() if name != "reach"}
+    swapped = {"nav": "tiny_pick.onnx", "pick": "tiny_nav.onnx"}
+    for changes, message in [
+        ({"settings": SETTINGS | {"retries": "many"}}, r"fetch\.json: retries: expected a whole number"),
+        ({"settings": SETTINGS | {"limits": limits}}, r"fetch\.json: limits: needs reach, "),
+        ({"policies": swapped}, r"fetch\.json: nav is a policy of task=pick"),
+    ]:
+        (tmp_path / BUNDLE).write_text(json.dumps(values | changes))
+        with pytest.raises(ConfigError, match=message):
+            open_agent(tmp_path)
     (tmp_path / BUNDLE).write_text(json.dumps({"policies": {}}))
     with pytest.raises(ConfigError, match=r"fetch\.json is no fetch of spin-export"):
         open_agent(tmp_path)

@@ -11,7 +11,7 @@ from fake_robot import CAMERA, STATE, FakeRobot
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
-from spin_rl.deploy.clock import MonotonicClock
+from spin_rl.deploy.clock import MonotonicClock, StopSignals
 from spin_rl.deploy.interface import Connection, DeviceLost
 from spin_rl.deploy.loop import ARRIVED, TIME_OVER, ControlLoop
 
@@ -54,6 +54,9 @@ def set_image(**changes):
         (broken(joints=np.full(8, math.nan)), "not finite"),
         (broken(base=np.array([0.0, math.inf, 0.0])), "not finite"),
         (age(0.51), "state is 0.51 s old"),
+        (age(-0.6), "state is -0.60 s old"),
+        (age(math.inf), "state is inf s old"),
+        (set_image(image_age_s=-1.0), "image is -1.00 s old"),
         (set_image(image_age_s=0.6), "image is 0.60 s old"),
         (set_image(image=None), "no depth image"),
         (set_image(image=np.ones((20, 20))), "at least 87 x 58"),
@@ -127,6 +130,27 @@ def test_who_presses_ctrl_c_again_and_again_does_not_interrupt_stopping(scripted
 
     fake = Slow(faults={3: kill(signal.SIGINT)})
     assert run(scripted(), fake).reason == "SIGINT" and fake.calls[-1] == "stop"
+
+
+def test_an_interrupt_just_before_signals_are_ignored_does_not_prevent_stopping(scripted, monkeypatch):
+    ignore = StopSignals.ignore
+    raised = []
+
+    def late(signals):
+        if not raised:
+            raised.append(True)
+            for _ in range(3):
+                os.kill(os.getpid(), signal.SIGINT)
+        ignore(signals)
+
+    def fail(fake, state):
+        raise KeyError("a defect")
+
+    monkeypatch.setattr(StopSignals, "ignore", late)
+    fake = FakeRobot(faults={3: fail})
+    with pytest.raises(KeyboardInterrupt):
+        run(scripted(), fake)
+    assert raised and fake.calls[-1] == "stop" and fake.now_moving.tolist() == [0.0, 0.0]
 
 
 def test_signals_are_handled_as_before_afterwards(scripted):

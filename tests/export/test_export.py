@@ -35,6 +35,8 @@ def test_every_shipped_policy_acts_the_same_once_exported(name, tmp_path):
     assert contract.name == name and contract.rate_hz == 10.0 and contract.parity["steps"] == 500
     assert name in contract.model_card and contract.training["command"]
     assert (contract.simulation_only is not None) == (name in TEACHERS)
+    guard = read_policy(name).config["task"].get("guard", {})
+    assert ("guard" in (contract.simulation_only or "")) == guard.get("enabled", False)
     expected = {"absolute"} if name.startswith("nav") else {"increments"}
     assert {contract.actions.mode} == expected
     assert (contract.goal is not None) == name.startswith("nav")
@@ -134,6 +136,18 @@ def test_a_fetch_is_a_bundle(tmp_path):
     assert ranges == [(0.2, 4.0), (0.2, 1.6)]
 
 
+def test_policies_of_a_fetch_may_have_the_same_name(tmp_path):
+    paths = []
+    for name, key in zip(LIKE, ("a", "b"), strict=True):
+        (tmp_path / key).mkdir()
+        paths.append(make_tiny(name, tmp_path).rename(tmp_path / key / "model.safetensors"))
+    files = export_fetch(str(paths[0]), str(paths[1]), tmp_path / "fetch")
+    assert [done.path.name for done in files] == ["nav.onnx", "pick.onnx"]
+    assert [Network(done.path).contract.task for done in files] == ["nav", "pick"]
+    settings = json.loads((tmp_path / "fetch" / "fetch.json").read_text())
+    assert settings["policies"] == {"nav": "nav.onnx", "pick": "pick.onnx"}
+
+
 def test_what_cannot_be_exported_is_refused(tmp_path):
     camera = Network(DATA / "tiny_nav.onnx").contract.camera
     with pytest.raises(ConfigError, match="reads 'privileged', which cannot be exported"):
@@ -156,6 +170,9 @@ def test_the_command_writes_and_shows(tmp_path, monkeypatch, capsys):
     call(monkeypatch, f"show={out}")
     shown = capsys.readouterr().out
     assert "tiny_nav: task nav, 10 Hz" in shown and "Checked: 500 steps" in shown
+    (out.parent / "fetch.json").write_text('{"stages": []}')
+    call(monkeypatch, f"show={out.parent}")
+    assert capsys.readouterr().out == '{"stages": []}\n' + shown
 
 
 @pytest.mark.parametrize(
@@ -169,6 +186,12 @@ def test_the_command_writes_and_shows(tmp_path, monkeypatch, capsys):
         (["policy=nav-cvo", "out=x.pt"], "out: a policy's file is named <name>.onnx"),
         (["policy=pick-depth", "fetch=true"], "was trained with task=pick"),
         (["show=none.onnx"], "there is no file none.onnx"),
+        (["show=none.onnx", "policy=nav-cvo"], "show: exports nothing, leave policy= out"),
+        ([f"show={DATA.parent}"], "holds no exported policy"),
+        (
+            ["policy=nav-cvo", "fetch=true", f"out={DATA / 'tiny_nav.onnx'}"],
+            "tiny_nav.onnx is a file; a fetch",
+        ),
     ],
 )
 def test_bad_input_is_one_line(monkeypatch, capsys, arguments, message):

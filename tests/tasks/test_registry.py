@@ -27,7 +27,9 @@ def test_an_unknown_task_is_an_error_that_lists_the_tasks():
 @pytest.mark.parametrize("name", TASKS)
 def test_the_groups_are_those_of_the_environment(name, device):
     spec = TASKS[name]
-    cfg = spec.configure(compose("eval", [f"task={name}", "task.depth.enabled=true"]))
+    optional = ["map", "lidar"] if name == "nav" else []
+    enabled = [f"task.{sensor}.enabled=true" for sensor in ("depth", *optional)]
+    cfg = spec.configure(compose("eval", [f"task={name}", *enabled]))
     env = spec.make_env(cfg, 2, device, 0)
     assert sorted(env.get_observations().keys()) == sorted(spec.groups)
 

@@ -25,17 +25,19 @@ def open_backend(name: str, settings: Mapping[str, Any], contract: Contract) -> 
         ConfigError: There is none, one of its packages is missing, or a setting is wrong.
     """
     path = BACKENDS.get(name, name)
+    unknown = ConfigError(f"backend: unknown {name!r}; choose from {', '.join(BACKENDS)}, or name a module")
+    if path.startswith("."):  # relative to nothing
+        raise unknown
     try:
         module = importlib.import_module(path)
     except ModuleNotFoundError as error:
         if error.name == path:
-            known = ", ".join(BACKENDS)
-            raise ConfigError(f"backend: unknown {name!r}; choose from {known}, or name a module") from None
+            raise unknown from None
         raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
     except ImportError as error:
         raise ConfigError(f"backend: {name} needs a package that is not installed: {error}") from None
     if not hasattr(module, "open_robot"):
-        raise ConfigError(f"backend: the module {name} has no open_robot, so it is no robot")
+        raise ConfigError(f"backend: the module {name} has no open_robot")
     try:
         return module.open_robot(settings, contract)
     except ImportError as error:  # of a library that only this back end needs

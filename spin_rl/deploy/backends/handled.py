@@ -23,7 +23,7 @@ IMPRATIO = 400.0
 """Of contacts, as in conf/sim/carry.yaml: what hangs in the hand does not creep out of it."""
 PAD_FRICTION = 1.2
 _GROUP = "object"
-_SIGHT_M = (0.1, 4.0)
+SIGHT_M = (0.1, 4.0)
 """Depths at which the object is seen, as `task.sight` has them."""
 _LEFT, _RIGHT, _TABLE, _HARD, _SUPPORT = range(5)
 _NUM_SUMS = 5
@@ -131,7 +131,7 @@ class HandledObject:
         ray = at - camera.xpos
         x, y, z = camera.xmat.reshape(3, 3).T @ ray
         down, across = self._tan_half_fov
-        if not (_SIGHT_M[0] < z < _SIGHT_M[1] and abs(x) < z * down and abs(y) < z * across):
+        if not (SIGHT_M[0] < z < SIGHT_M[1] and abs(x) < z * down and abs(y) < z * across):
             return False
         geom = np.full(1, -1, dtype=np.int32)
         groups = (np.arange(6) == SCENE_GROUP).astype(np.uint8)

@@ -103,7 +103,6 @@ class MujocoRobot:
         clock: The robot itself: simulated time.
         model: The model.
         data: Its state.
-        touched: Names of the geoms that touched each other so far.
         umpire: Looks on, if there is one.
         handled: What it knows of the object to grasp, if there is one.
     """
@@ -143,7 +142,7 @@ class MujocoRobot:
             self.model.opt.impratio = IMPRATIO
             self.handled = HandledObject(scene, thing[1], thing[0], self.model, contract)
         self.data = mujoco.MjData(self.model)
-        self.touched: set[tuple[str, str]] = set()
+        self._touched: set[tuple[int, int]] = set()
         self.umpire: Umpire | None = None
         self._movers = Movers(scene)
         names = np.array(scene.pool.geom_names())[self._movers.slots]
@@ -161,6 +160,12 @@ class MujocoRobot:
         self._put_movers()
         mujoco.mj_forward(self.model, self.data)
         self._command = self._holding()
+
+    @property
+    def touched(self) -> set[tuple[str, str]]:
+        """Names of the geoms that touched each other so far, in order."""
+        pairs = (sorted(self.model.geom(geom).name for geom in pair) for pair in self._touched)
+        return {(first, second) for first, second in pairs}
 
     def connect(self) -> Connection:
         """Say what there is."""
@@ -180,8 +185,9 @@ class MujocoRobot:
             self.handled.clear()
         while self.data.time < time_s - 1e-9:
             self._servos.drive(self._command, self.data)
-            self._movers.advance(self.data.qpos[:2], TIMESTEP_S)
-            self._put_movers()
+            if self._mocap:
+                self._movers.advance(self.data.qpos[:2], TIMESTEP_S)
+                self._put_movers()
             mujoco.mj_step(self.model, self.data)
             self._note_contacts()
             if self.handled is not None:
@@ -240,9 +246,7 @@ class MujocoRobot:
             self.data.mocap_pos[self._mocap] = self._movers.pos
 
     def _note_contacts(self) -> None:
-        for geoms in self.data.contact.geom:
-            first, second = sorted(self.model.geom(int(geom)).name for geom in geoms)
-            self.touched.add((first, second))
+        self._touched.update(map(tuple, self.data.contact.geom.tolist()))
 
 
 class _Servos:

@@ -1,6 +1,6 @@
 """The depth camera of a Stretch by pyrealsense2: all calls of that library. Never tried on a camera.
 
-Written from the library's documentation (version 2.59): `pipeline`, `config`, `try_wait_for_frames`.
+Written from the library's documentation (2.59): `context`, `pipeline`, `config`, `try_wait_for_frames`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from spin_rl.extras import require
 
 _RATE_HZ = 30
 _NO_WAIT_MS = 1
+_HEAD_CAMERA = "D435"
+"""Part of its name; a Stretch 3 has another camera at the gripper, whose view is as wide."""
 
 
 class RealSense:
@@ -40,6 +42,7 @@ class RealSense:
         """
         rs, (width, height) = self._rs, self._size
         pipeline, config = rs.pipeline(), rs.config()
+        config.enable_device(self._serial_number())
         config.enable_stream(rs.stream.depth, width, height, rs.format.z16, _RATE_HZ)
         try:
             profile = pipeline.start(config)
@@ -50,6 +53,16 @@ class RealSense:
         stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
         across, down = rs.rs2_fov(stream.get_intrinsics())
         return CameraInfo("portrait", width, height, (float(across), float(down)))
+
+    def _serial_number(self) -> str:
+        info = self._rs.camera_info
+        names = {}
+        for device in self._rs.context().query_devices():
+            names[device.get_info(info.name)] = device.get_info(info.serial_number)
+        for name, number in names.items():
+            if _HEAD_CAMERA in name:
+                return number
+        raise ConfigError(f"camera: there is no {_HEAD_CAMERA}i, only {', '.join(names) or 'none'}")
 
     def frame(self) -> DepthFrame | None:
         """Return the latest image, however old.
@@ -65,7 +78,8 @@ class RealSense:
         if is_new and (depth := frames.get_depth_frame()):
             if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
                 raise ConfigError("camera: stamps are by its own clock; enable its global time")
-            age_s = time.time() - depth.get_timestamp() / 1000.0
+            # None is from the future, or the last one would stay new if the computer's clock was set back.
+            age_s = max(time.time() - depth.get_timestamp() / 1000.0, 0.0)
             metres = np.asanyarray(depth.get_data()).astype(np.float32) * np.float32(self._scale)
             self._last = DepthFrame(self._clock.now() - age_s, metres)
         return self._last

@@ -20,6 +20,7 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.deploy.backends.dry_run import DryRun
+from spin_rl.deploy.backends.ros_messages import metres, seconds
 from spin_rl.deploy.clock import MonotonicClock
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import (
@@ -53,6 +54,7 @@ _NAMES: Mapping[str, str] = {
 """Names of joints in `joint_states`."""
 _NAVIGATION, _RUNSTOPPED = "navigation", "runstopped"
 _SERVICES = ("switch_to_navigation_mode", "activate_streaming_position")
+_FINGER = robot.JOINTS.index("gripper_finger")
 _ANSWER_S = 5.0
 _LONGEST_S = 0.2
 """Longest time between two commands that joints are led ahead for."""
@@ -96,7 +98,7 @@ class RosRobot:
     """The robot as a node; a `Robot`.
 
     Attributes:
-        clock: The computer's; stamps of messages are turned into it by how old they are.
+        clock: The computer's; stamps of messages are turned into it by how old they are when they come.
     """
 
     def __init__(self, cfg: Settings, *, reads_images: bool) -> None:
@@ -127,6 +129,8 @@ class RosRobot:
             images = {"depth": sensor_msgs.msg.Image, "camera_info": sensor_msgs.msg.CameraInfo}
             self._topics |= images
         self._latest: dict[str, Any] = {}
+        self._stamps: dict[str, float] = {}
+        self._finger_velocity = 0.0
         self._node: Any = None
         self._pose: np.ndarray | None = None
         self._sent_s = 0.0
@@ -166,8 +170,7 @@ class RosRobot:
         Raises:
             DeviceLost: The driver has left the navigation mode, in which alone the base follows speeds.
         """
-        odom, joints = self._latest["odom"], self._latest["joint_states"]
-        mode = self._latest["mode"].data
+        odom, mode = self._latest["odom"], self._latest["mode"].data
         if mode not in (_NAVIGATION, _RUNSTOPPED):
             raise DeviceLost(f"the driver is in the mode {mode!r}")
         pose, twist = odom.pose.pose, odom.twist.twist
@@ -175,10 +178,12 @@ class RosRobot:
         yaw = math.atan2(
             2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z)
         )
+        velocity = self._joints("velocity")
+        velocity[_FINGER] = self._finger_velocity
         return RobotState(
-            stamp_s=min(self._stamp(odom), self._stamp(joints)),
+            stamp_s=min(self._stamps["odom"], self._stamps["joint_states"]),
             joints=self._joints("position"),
-            joint_velocity=self._joints("velocity"),
+            joint_velocity=velocity,
             base=np.array([pose.position.x, pose.position.y, yaw]),
             base_velocity=np.array([twist.linear.x, twist.angular.z]),
             homed=self._latest["is_homed"].data,
@@ -188,7 +193,7 @@ class RosRobot:
     def depth(self) -> DepthFrame | None:
         """Return the latest image."""
         message = self._latest.get("depth")
-        return None if message is None else DepthFrame(self._stamp(message), _metres(message))
+        return None if message is None else DepthFrame(self._stamps["depth"], metres(message))
 
     def command(self, command: Command) -> None:
         """Publish speeds and targets; the driver knows no speeds of joints, so targets move at them."""
@@ -207,9 +212,8 @@ class RosRobot:
             return
         self._move(0.0, 0.0)
         if self._pose is not None:
-            finger = robot.JOINTS.index("gripper_finger")
             held = self._joints("position")
-            held[finger] = self._pose[finger]
+            held[_FINGER] = self._pose[_FINGER]
             self._hold(held)
 
     def close(self) -> None:
@@ -232,9 +236,24 @@ class RosRobot:
 
     def _keep(self, topic: str) -> Any:
         def keep(message: Any) -> None:
+            if topic == "joint_states":
+                self._finger_velocity = self._velocity_of_fingers(message)
+            if hasattr(message, "header"):
+                self._stamps[topic] = self._arrived_s(message)
             self._latest[topic] = message
 
         return keep
+
+    def _velocity_of_fingers(self, message: Any) -> float:
+        """Return how fast the fingers open [rad/s]; what the driver tells is no speed of theirs."""
+        before = self._latest.get("joint_states")
+        if before is None or (passed_s := seconds(message) - seconds(before)) <= 0.0:
+            return self._finger_velocity
+        now, then = (
+            dict(zip(m.name, m.position, strict=False)).get(_NAMES["gripper_finger"], 0.0)
+            for m in (message, before)
+        )
+        return (now - then) / passed_s
 
     def _await(self, is_met: Any) -> bool:
         """Wait until something is so; return whether it came to that."""
@@ -260,10 +279,11 @@ class RosRobot:
         target = dict(zip(robot.JOINTS, joints.tolist(), strict=True))
         self._targets.publish(self._array(data=[*(target[name] for name in _POSE), 0.0, 0.0]))
 
-    def _stamp(self, message: Any) -> float:
-        stamp = message.header.stamp
-        age_s = self._node.get_clock().now().nanoseconds * 1e-9 - (stamp.sec + stamp.nanosec * 1e-9)
-        return self.clock.now() - age_s
+    def _arrived_s(self, message: Any) -> float:
+        """Return when a message that has just come was stamped, by the clock that is never set [s]."""
+        age_s = self._node.get_clock().now().nanoseconds * 1e-9 - seconds(message)
+        # None is from the future, or the last one would stay new if the computer's clock was set back.
+        return self.clock.now() - max(age_s, 0.0)
 
     def _camera(self) -> CameraInfo:
         info = self._latest["camera_info"]
@@ -272,20 +292,3 @@ class RosRobot:
             for size, focal in ((info.width, info.k[0]), (info.height, info.k[4]))
         )
         return CameraInfo("portrait", info.width, info.height, (across, down))
-
-
-def _metres(message: Any) -> np.ndarray:
-    """Read a depth image of `sensor_msgs/Image`, shape (height, width) [m], float32.
-
-    Raises:
-        ConfigError: It is encoded otherwise than REP 118 has depth images.
-    """
-    kinds = {"16UC1": ("u2", 1e-3), "32FC1": ("f4", 1.0)}
-    if message.encoding not in kinds:
-        raise ConfigError(f"robot.depth: images are {message.encoding!r}, expected one of {', '.join(kinds)}")
-    kind, scale = kinds[message.encoding]
-    order = ">" if message.is_bigendian else "<"
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
-    size = np.dtype(kind).itemsize * message.width
-    values = np.ascontiguousarray(rows[:, :size]).view(f"{order}{kind}")
-    return values.astype(np.float32) * np.float32(scale)

@@ -30,7 +30,8 @@ class FetchAgent:
     """Two policies that take turns with scripts.
 
     Attributes:
-        contract: That of the policy that drives.
+        contract: That of the policy that drives, with the camera of one that reads images.
+        rules: When stages end.
         memory: Where the fetch is.
     """
 
@@ -42,8 +43,9 @@ class FetchAgent:
             pick: Picks.
             rules: When stages end.
         """
-        self.contract: Contract = nav.contract
-        self._nav, self._pick, self._rules = nav, pick, rules
+        self._nav, self._pick, self.rules = nav, pick, rules
+        self._eyes = pick if pick.reads_images and not nav.reads_images else nav
+        self.contract: Contract = replace(nav.contract, camera=self._eyes.contract.camera)
         actions = pick.contract.actions
         self._drive = script.Drive(
             nav.contract.speed_profile,
@@ -55,11 +57,11 @@ class FetchAgent:
     @property
     def reads_images(self) -> bool:
         """Whether one of the policies reads depth images."""
-        return self._nav.reads_images or self._pick.reads_images
+        return self._eyes.reads_images
 
     def reduce(self, image: np.ndarray) -> np.ndarray:
         """Turn a camera's own image upright and reduce it."""
-        return (self._nav if self._nav.reads_images else self._pick).reduce(image)
+        return self._eyes.reduce(image)
 
     def check(self, connection: Connection, told: set[str]) -> None:
         """Reject a robot that cannot run one of the policies, or does not tell what a fetch must know.
@@ -97,7 +99,7 @@ class FetchAgent:
         if self._saw is not None:
             stage = m.stage
             # The object is seen as it was when the last action was chosen.
-            why = advance(m, self._rules, self._now(inputs, replace(known, is_seen=self._saw)))
+            why = advance(m, self.rules, self._now(inputs, replace(known, is_seen=self._saw)))
             if m.stage != stage:
                 self._begin(inputs.state)
         self._saw = known.is_seen
@@ -149,8 +151,15 @@ def open_agent(path: Path, speed_scale: float = 1.0) -> Agent | FetchAgent:
         files = [bundle.parent / names[name] for name in ("nav", "pick")]
     except (OSError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise ConfigError(f"policy: {bundle} is no fetch of spin-export: {error}") from None
+    try:
+        rules = from_keys(Rules, settings)
+    except ConfigError as error:
+        raise ConfigError(f"policy: {bundle}: {error}") from None
     nav, pick = (Agent(Network(file), speed_scale) for file in files)
-    return FetchAgent(nav, pick, from_keys(Rules, settings))
+    for agent, task in ((nav, "nav"), (pick, "pick")):
+        if agent.contract.task != task:
+            raise ConfigError(f"policy: {bundle}: {task} is a policy of task={agent.contract.task}")
+    return FetchAgent(nav, pick, rules)
 
 
 def files_of(path: Path) -> list[Path]:

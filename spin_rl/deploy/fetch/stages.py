@@ -17,6 +17,8 @@ from spin_rl.deploy.fetch.memory import Memory
 from spin_rl.deploy.fetch.moves import LIFT, PITCH, ROLL
 
 PLACED, DROPPED, HIT = "placed", "dropped", "it hit something"
+NO_TIME = {stage: f"no time left to {stage}" for stage in n.STAGES}
+"""Why a fetch ends, by the stage that took too long."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,11 @@ class Rules:
     fall_m: float
     carry_moves: tuple[str, ...]
     carry_lift_m: float
+
+    def __post_init__(self) -> None:
+        """Reject limits of other stages."""
+        if set(self.limits) != set(n.STAGES):
+            raise ValueError(f"limits: needs {', '.join(n.STAGES)}, got {', '.join(self.limits)}")
 
     def is_lifted(self, height: float, grip: Grip) -> bool:
         """Whether the object is held up, `height` [m] over where it stood."""
@@ -58,7 +65,7 @@ def advance(m: Memory, rules: Rules, now: Now) -> str | None:
     after, why = _after(m, rules, now)
     limit = round(rules.limits[n.STAGES[m.stage]] / now.period)
     if why is None and after == m.stage and m.time >= limit:
-        why = f"no time left to {n.STAGES[m.stage]}"
+        why = NO_TIME[n.STAGES[m.stage]]
     if why is None and after != m.stage:
         _enter(m, after, now)
     return why
@@ -102,7 +109,7 @@ def _after_pick(m: Memory, rules: Rules, now: Now) -> tuple[int, str | None]:
         return n.RETRACT, None
     if m.time >= round(rules.limits["pick"] / now.period):
         again = _retry(m, rules)
-        return (m.stage, "no time left to pick") if again is None else (again, None)
+        return (m.stage, NO_TIME["pick"]) if again is None else (again, None)
     return m.stage, None
 
 

@@ -189,6 +189,7 @@ class TaskEnv(VecEnv):
 
     def _launch_step(self) -> None:
         """Everything of one control step that happens on the device before rewards and observations."""
+        self._before_advance()
         self.sim.advance()
         for sensor in self.step_sensors:
             sensor.update()
@@ -215,6 +216,9 @@ class TaskEnv(VecEnv):
         self.sim.forward()
         for sensor in self.sensors:
             sensor.update()
+
+    def _before_advance(self) -> None:
+        """Launch what may still change the actions; graph-safe."""
 
     def _end_episodes(self) -> None:
         """Describe the control step just made, write `_end`, and move levels."""

@@ -9,12 +9,17 @@ from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.nav.spec import NAV
 from spin_rl.tasks.pick.spec import PICK
 
+_NAV_ALONE = ("way", "scandots_map", "lidar", "odometry")
+"""Groups of navigation that fetches lack: what only critics and baselines read."""
+
 FETCH = TaskSpec(
     name="fetch",
     config=FetchConfig,
     scene=FetchSceneParams,
     make_env=Deferred("spin_rl.tasks.fetch.env:FetchEnv"),
-    groups=tuple(dict.fromkeys((*(group for group in NAV.groups if group != "way"), *PICK.groups, "stage"))),
+    groups=tuple(
+        dict.fromkeys((*(group for group in NAV.groups if group not in _NAV_ALONE), *PICK.groups, "stage"))
+    ),
     policies={"policy": NAV.name, "pick": PICK.name},
     join=Deferred("spin_rl.tasks.fetch.policy:FetchPolicy"),
     untrainable="fetch cannot be trained; train task=nav and task=pick, see docs/fetch.md",

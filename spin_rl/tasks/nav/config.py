@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from spin_rl.config import Range
 from spin_rl.scenes.corridors.params import GeneratorParams
+from spin_rl.sensors.lidar import LidarConfig
 from spin_rl.sensors.noisy_map import MapConfig
+from spin_rl.sensors.odometry import OdometryConfig
 from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
@@ -25,6 +29,29 @@ class NavNoise(ProprioNoise):
 
 
 @dataclass(frozen=True)
+class GuardConfig:
+    """A guard between policy and base: it replaces commands that would drive into what was seen.
+
+    Attributes:
+        enabled: Whether there is one.
+        look_ahead_s: Time that a command is tried for before it brakes [s].
+        margin_m: Distance that counts as a collision [m].
+        lag_s: Time constant that the base is expected to have [s].
+        memory_s: Time after which what was not seen again is forgotten [s].
+    """
+
+    enabled: bool = False
+    look_ahead_s: Annotated[float, Range(0.0, 2.0, above=True)] = 0.5
+    margin_m: Annotated[float, Range(0.0, 0.5)] = 0.01
+    lag_s: float = 0.2
+    memory_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Reject times that are none."""
+        require_positive(self, "task.guard", ("lag_s", "memory_s"))
+
+
+@dataclass(frozen=True)
 class NavConfig(CorridorConfig):
     """Everything that defines the navigation task.
 
@@ -36,6 +63,9 @@ class NavConfig(CorridorConfig):
         scene: Parameters of the layout generator.
         noise: Sensor noise.
         map: A noisy map as an observation group (paper, baseline Mapping).
+        guard: What keeps the base from driving into what was seen, whatever the policy asks for.
+        lidar: A lidar on the base, with `odometry` as observation groups, for baselines.
+        odometry: Errors of the odometry that comes with it.
     """
 
     stop_on_collision: bool = True
@@ -48,6 +78,9 @@ class NavConfig(CorridorConfig):
     scene: GeneratorParams = field(default_factory=GeneratorParams)
     noise: NavNoise = field(default_factory=NavNoise)
     map: MapConfig = field(default_factory=MapConfig)
+    guard: GuardConfig = field(default_factory=GuardConfig)
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""

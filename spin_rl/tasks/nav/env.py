@@ -14,7 +14,10 @@ from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
 from spin_rl.sensors.clearance import Clearance
+from spin_rl.sensors.lidar import Lidar
+from spin_rl.sensors.memory import SeenThings
 from spin_rl.sensors.noisy_map import NoisyMap
+from spin_rl.sensors.odometry import Odometry
 from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
@@ -22,6 +25,7 @@ from spin_rl.tasks.common.episode import SUCCESS
 from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.nav import episode
 from spin_rl.tasks.nav.config import NavConfig
+from spin_rl.tasks.nav.guard import Guard
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
@@ -34,7 +38,9 @@ class NavEnv(CorridorEnv):
     The observation groups are documented in `observations.py`.
 
     Attributes:
+        guard: What keeps the base from driving into what was seen; None if nothing does.
         most_steps: Control steps that the running episode may take, a view, shape (num_envs,), int32.
+        lidar: The lidar, where the configuration enables it, else None.
         way_left: Way left to the goal in the running episode [m], a view, shape (num_envs,).
         final_way: Way to the goal at the start of the episode that the last step belongs to [m], a view,
             shape (num_envs,).
@@ -94,7 +100,7 @@ class NavEnv(CorridorEnv):
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         noisy_map = self._make_map(cfg)
-        self.observations = NavObservations(
+        observations = NavObservations(
             self.sim,
             self.goal,
             self.scandots,
@@ -105,12 +111,15 @@ class NavEnv(CorridorEnv):
             ahead,
             noisy_map,
         )
+        self._make_lidar(cfg, observations)
+        self.observations = observations
+        seen = self._make_guard(cfg)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
             seed,
             capture,
-            sensors=(self.scandots, noisy_map, ahead, self.depth),
+            sensors=(self.scandots, seen, noisy_map, ahead, self.depth, self.lidar, self._odometry),
             step_sensors=(self._clearance,),
         )
 
@@ -144,6 +153,29 @@ class NavEnv(CorridorEnv):
         self.max_episode_length = most_steps(self._ways, cfg.dynamics.speed_scale[0])
         if scene is not None:
             self.set_scenes([scene[world % len(scene)] for world in range(self.num_envs)])
+
+    def _make_lidar(self, cfg: NavConfig, observations: NavObservations) -> None:
+        self.lidar = self._odometry = None
+        if cfg.lidar.enabled:
+            drawn = {"seed": self._seed, "episode": self._counter}
+            self.lidar = Lidar(self.sim, cfg.lidar, **drawn)
+            self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
+            observations.add_lidar(self.lidar, self._odometry)
+
+    def _make_guard(self, cfg: NavConfig) -> SeenThings | None:
+        """Make the guard, and return what it remembers things with."""
+        self.guard: Guard | None = None
+        if not cfg.guard.enabled:
+            return None
+        sim = self.sim
+        max_age = round(cfg.guard.memory_s / cfg.sim.control_period)
+        seen = SeenThings(sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots, max_age)
+        self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
+        return seen
+
+    def _before_advance(self) -> None:
+        if self.guard is not None:
+            self.guard.apply()
 
     def _make_map(self, cfg: NavConfig) -> NoisyMap | None:
         if not cfg.map.enabled:

@@ -7,6 +7,8 @@
     scandots_map  (num_envs, slots * 32)  the same read from a noisy map; if enabled
     way           (num_envs, 3)   length of the way to the goal [m], divided by 2.5, and its direction in the
                   base frame: what only a map tells, for critics
+    lidar         (num_envs, rays)  ranges of the rays swept in the last step [m], see `Lidar`; if enabled
+    odometry      (num_envs, 3)   x, y [m] and yaw [rad] in the frame of the start, with errors; if enabled
     depth         (num_envs, rows * cols) image d_t, uint8, see `DepthImages.observe`; if enabled
 
 A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity flags.
@@ -18,7 +20,9 @@ import torch
 import warp as wp
 from tensordict import TensorDict
 
+from spin_rl.sensors.lidar import Lidar
 from spin_rl.sensors.noisy_map import NoisyMap
+from spin_rl.sensors.odometry import Odometry
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
@@ -66,6 +70,11 @@ class NavObservations(Proprioception):
         self._visible = wp.to_torch(scandots.visible).flatten(1)
         self._all = wp.to_torch(scandots.all).flatten(1)
         self._map = None if noisy_map is None else wp.to_torch(noisy_map.tokens).flatten(1)
+        self._driving: dict[str, torch.Tensor] = {}
+
+    def add_lidar(self, lidar: Lidar, odometry: Odometry) -> None:
+        """Add the groups `lidar` and `odometry`."""
+        self._driving = {"lidar": wp.to_torch(lidar.ranges), "odometry": wp.to_torch(odometry.pose)}
 
     def compute(self) -> TensorDict:
         """Return new tensors of all groups; noise is drawn anew at every call."""
@@ -79,6 +88,7 @@ class NavObservations(Proprioception):
         }
         if self._ahead is not None:
             groups["way"] = self._ahead * self._way_scale
+        groups |= {name: measured.clone() for name, measured in self._driving.items()}
         if self._map is not None:
             groups["scandots_map"] = self._map.clone()
         if self._depth is not None:

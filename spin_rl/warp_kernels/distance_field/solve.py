@@ -158,6 +158,35 @@ def _extend(
                     kinds[world, row, column] = _EXTENDED + ring
 
 
+def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.array, rings: int) -> None:
+    """Spread the values that some cells have to all that ways lead to; graph-safe.
+
+    Args:
+        mask: Worlds, shape (nworld,), bool.
+        field: Its ``values`` are `UNREACHABLE` in all other cells.
+        kinds: What each cell is, see ``cells``; changed, shape (nworld, ny, nx), int32.
+        queue: Scratch, shape (nworld, ny * nx), int32.
+        rings: As for `solve_distance_field`.
+    """
+    nworld, columns = kinds.shape[0], kinds.shape[2]
+    lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
+    flat = queue.shape
+    wp.launch(
+        _spread,
+        dim=nworld,
+        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue],
+        device=mask.device,
+    )
+    for ring in range(rings):
+        wp.launch(
+            _extend,
+            dim=(nworld, lanes),
+            inputs=[mask, ring, lanes],
+            outputs=[field, kinds],
+            device=mask.device,
+        )
+
+
 def solve_distance_field(
     obstacles: Slots,
     goal: wp.array,
@@ -186,7 +215,6 @@ def solve_distance_field(
         blocked: Nearer no way leads through [m]; at least half a cell, or ways lead through thin walls.
         rings: Cells from passable ones up to which the others get values, at most `MAX_RINGS`.
     """
-    nworld, columns = kinds.shape[0], kinds.shape[2]
     lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
     prepare_cells(
         obstacles,
@@ -199,18 +227,4 @@ def solve_distance_field(
         blocked=blocked,
         lanes=lanes,
     )
-    flat = queue.shape
-    wp.launch(
-        _spread,
-        dim=nworld,
-        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue],
-        device=mask.device,
-    )
-    for ring in range(rings):
-        wp.launch(
-            _extend,
-            dim=(nworld, lanes),
-            inputs=[mask, ring, lanes],
-            outputs=[field, kinds],
-            device=mask.device,
-        )
+    spread_values(mask, field, kinds=kinds, queue=queue, rings=rings)

@@ -10,6 +10,8 @@ import numpy as np
 from spin_rl import robot
 from spin_rl.deploy.backends import mujoco as backend
 from spin_rl.deploy.backends.handled import HandledObject
+from spin_rl.deploy.fetch import numbers as n
+from spin_rl.deploy.fetch.agent import FetchAgent
 from spin_rl.sim.model import geom_parts
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.pick import episode as pick_episode
@@ -30,6 +32,29 @@ class Umpire(backend.Umpire, Protocol):
         ...
 
 
+class _Touches:
+    """Which parts of the robot penetrate the scene or the floor, as `warp_kernels.contacts` has it.
+
+    Attributes:
+        parts: Which of `robot.PARTS`, shape (6,), bool.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._part = np.array(geom_parts(model))
+        stands = model.geom_bodyid == 0
+        self._is_scene = stands | (model.body_mocapid[model.geom_bodyid] >= 0)
+        self.clear()
+
+    def clear(self) -> None:
+        self.parts = np.zeros(len(robot.PARTS), dtype=bool)
+
+    def add(self, data: mujoco.MjData) -> None:
+        for first, second in data.contact.geom[data.contact.dist < 0.0]:
+            for geom, other in ((first, second), (second, first)):
+                if self._part[geom] >= 0 and self._is_scene[other]:
+                    self.parts[self._part[geom]] = True
+
+
 class DriveUmpire:
     """Ends a drive when a part of the robot touches the scene or the floor, as `tasks.nav.episode` does.
 
@@ -47,23 +72,17 @@ class DriveUmpire:
         """
         self.outcome: int = episode.COLLISION
         self._goal, self._way = goal, way
-        self._part = np.array(geom_parts(model))
-        stands = model.geom_bodyid == 0
-        self._is_scene = stands | (model.body_mocapid[model.geom_bodyid] >= 0)
-        self._parts = np.zeros(len(robot.PARTS), dtype=bool)
+        self._touches = _Touches(model)
         self._place, self._driven = data.qpos[:2].copy(), 0.0
 
     @property
     def is_over(self) -> bool:
         """Whether something touched."""
-        return bool(self._parts.any())
+        return bool(self._touches.parts.any())
 
     def add_substep(self, data: mujoco.MjData) -> None:
         """Note what penetrates the scene."""
-        for first, second in data.contact.geom[data.contact.dist < 0.0]:
-            for geom, other in ((first, second), (second, first)):
-                if self._part[geom] >= 0 and self._is_scene[other]:
-                    self._parts[self._part[geom]] = True
+        self._touches.add(data)
 
     def judge(self, data: mujoco.MjData) -> None:
         """Add the way of a control step."""
@@ -73,7 +92,7 @@ class DriveUmpire:
     def figures(self, data: mujoco.MjData) -> dict[str, Any]:
         """What `metrics.DriveEpisodes` hold of the episode beside outcome and steps."""
         distance = float(np.linalg.norm(self._goal - data.qpos[:2]))
-        return {"distance": distance, "parts": self._parts, "driven": self._driven, "way": self._way}
+        return {"distance": distance, "parts": self._touches.parts, "driven": self._driven, "way": self._way}
 
 
 class PickUmpire:
@@ -124,3 +143,63 @@ class PickUmpire:
         mujoco.mj_kinematics(self._model, data)
         offset = data.qpos[self._at : self._at + 3] - data.site(robot.GRASP_CENTER_SITE).xpos
         return {"distance": float(np.linalg.norm(offset)), "hard_peak": self._hard_peak}
+
+
+class FetchUmpire:
+    """Counts what becomes of a fetch; ends it with a touch while a policy drives.
+
+    So does `tasks.fetch.stages`. All else that ends a fetch is the agent's.
+
+    Attributes:
+        outcome: Of a fetch that is ended here.
+        is_over: Whether it is.
+    """
+
+    def __init__(self, model: mujoco.MjModel, handled: HandledObject, agent: FetchAgent, kind: int) -> None:
+        """Look at a fetch before its first step.
+
+        Args:
+            model: The robot, the corridor and the object.
+            handled: Knows the forces on hand and object.
+            agent: Knows the stage.
+            kind: Of the object, index into `objects.OBJECTS`.
+        """
+        self.outcome: int = episode.COLLISION
+        self.is_over = False
+        self._handled, self._agent, self._kind = handled, agent, kind
+        self._touches, self._is_new = _Touches(model), True
+        self._stage_steps = np.zeros(len(n.STAGES), dtype=int)
+        self._stage, self._drops, self._scrapes = n.REACH, 0, 0
+
+    def add_substep(self, data: mujoco.MjData) -> None:
+        """Note what penetrates the scene in this control step."""
+        if self._is_new:
+            self._touches.clear()
+        self._touches.add(data)
+        self._is_new = False
+
+    def judge(self, data: mujoco.MjData) -> None:
+        """Count a control step of the present stage."""
+        stage, before = self._agent.memory.stage, self._stage
+        self._stage, self._is_new = stage, True
+        self._stage_steps[stage] += 1
+        self._drops += before == n.RETRACT and stage == n.ALIGN  # what was picked lies on the table again
+        self._scrapes += stage == n.CARRY and self._handled.grip.is_supported
+        self.is_over = stage in (n.REACH, n.CARRY) and bool(self._touches.parts.any())
+
+    def figures(self, data: mujoco.MjData) -> dict[str, Any]:
+        """What `fetch.Fetches` hold of the fetch beside outcome and steps."""
+        m = self._agent.memory
+        at = len(robot.DOF_NAMES)
+        return {
+            "stage": m.stage,
+            "kind": self._kind,
+            "stage_steps": self._stage_steps,
+            "reached": m.stage > n.REACH,
+            "picked": self._stage_steps[n.RETRACT] > 0,
+            "retries": m.retries,
+            "drops": self._drops + (m.loose >= n.LOOSE_STEPS),
+            "scrapes": self._scrapes,
+            "distance": float(np.linalg.norm(data.qpos[at : at + 2] - m.home)),
+            "parts": self._touches.parts,
+        }

@@ -1,0 +1,1 @@
+"""A classical navigation stack (SPIN, Classical): lidar map, localization, planner and follower."""
