@@ -21,9 +21,12 @@ def training_config(task: str = "nav", overrides: Sequence[str] = ()) -> TaskCon
     Raises:
         ConfigError: An override does not fit.
     """
+    from spin_rl.cli.refusals import in_one_line
     from spin_rl.tasks.registry import find_task
 
-    return find_task(task).as_trained(overrides)
+    spec = find_task(task)
+    with in_one_line("train", [f"task={task}"]):
+        return spec.as_trained(_listed(overrides))
 
 
 def evaluation_config(
@@ -41,9 +44,24 @@ def evaluation_config(
         ConfigError: An override does not fit, or there is no such policy.
     """
     from spin_rl.benchmark import policies, settings
+    from spin_rl.cli.refusals import in_one_line
     from spin_rl.tasks.common.compose import compose
     from spin_rl.tasks.registry import find_task
 
-    trained: Any = {} if policy is None else policies.open_policy(policy).trained
-    values = compose("eval", [f"task={task}", *overrides])
-    return find_task(task).configure(settings.for_policy(values, trained, overrides))
+    spec = find_task(task)
+    trained: Any = {}
+    if policy is not None:
+        source = policies.open_policy(policy)
+        policies.check_task("policy", policy, source.task, spec.policies["policy"], task)
+        trained = source.trained
+    with in_one_line("eval", [f"task={task}"]):
+        values = compose("eval", [f"task={task}", *_listed(overrides)])
+    return spec.configure(settings.for_policy(values, trained, overrides))
+
+
+def _listed(overrides: Sequence[str]) -> list[str]:
+    from spin_rl.config import ConfigError
+
+    if isinstance(overrides, str) or not all(isinstance(override, str) for override in overrides):
+        raise ConfigError(f"overrides: expected a list such as ['robot=re1'], got {overrides!r}")
+    return list(overrides)

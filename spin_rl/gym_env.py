@@ -69,8 +69,14 @@ class TaskVectorEnv(VectorEnv):
         """
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode: expected 'rgb_array' or None, got {render_mode!r}")
-        cfg = _limited(cfg or find_task(task).as_trained(), max_episode_steps)
-        self.env = find_task(task).make_env(cfg, num_envs, device, seed)
+        spec = find_task(task)
+        if cfg is not None and not isinstance(cfg, spec.config):
+            raise ValueError(f"cfg: expected a {spec.config.__name__}, got {type(cfg).__name__}")
+        modes = [mode.value for mode in AutoresetMode]
+        if autoreset_mode not in (*modes, *AutoresetMode):
+            raise ValueError(f"autoreset_mode: expected one of {', '.join(modes)}, got {autoreset_mode!r}")
+        cfg = _limited(spec.as_trained() if cfg is None else cfg, max_episode_steps)
+        self.env = spec.make_env(cfg, num_envs, device, seed)
         self.env.keep_ends()
         self.num_envs = num_envs
         self.render_mode = render_mode
@@ -147,11 +153,14 @@ class TaskVectorEnv(VectorEnv):
 
         Raises:
             gymnasium.error.ResetNeeded: Autoreset is disabled and a world has ended.
+            ValueError: Actions of another shape.
         """
         if self._mode is AutoresetMode.DISABLED and self._ended.any():
             raise gym.error.ResetNeeded("a world has ended: reset(options={'reset_mask': ...})")
         waiting, level = self._ended, self.env.level.clone()  # worlds whose step is to start anew
         tensor = torch.as_tensor(np.asarray(actions, np.float32), device=self.env.device)
+        if tensor.shape != self.action_space.shape:
+            raise ValueError(f"actions: expected shape {self.action_space.shape}, got {tuple(tensor.shape)}")
         obs, reward, done, extras = self.env.step(tensor)
         self._ended = done.bool() & ~waiting
         truncated = extras["time_outs"] & self._ended
@@ -196,6 +205,8 @@ def _limited(cfg: TaskConfig, steps: int | None) -> TaskConfig:
     """Give a configuration a time limit in control steps, if there is one."""
     if steps is None:
         return cfg
+    if type(steps) is not int or steps < 2:
+        raise ValueError(f"max_episode_steps: expected a whole number from 2 on, got {steps!r}")
     if isinstance(getattr(cfg, "scene", None), FamilyParams):
         raise ValueError("max_episode_steps: in scene families the way sets the limit; see task.slack_s")
     return replace(cfg, episode_s=steps * cfg.sim.control_period)

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 
 import spin_rl.gym_env
+from spin_rl.config import ConfigError
 from spin_rl.tasks.nav.config import NavConfig
 
 STEPS = 8
@@ -179,7 +180,10 @@ def test_bad_resets_are_named(env, options, seed, message):
     ("options", "message"),
     [
         ({"render_mode": "human"}, "render_mode: expected 'rgb_array'"),
-        ({"max_episode_steps": 1}, "task.episode_s must exceed one control step"),
+        ({"max_episode_steps": 1}, "max_episode_steps: expected a whole number from 2 on, got 1"),
+        ({"max_episode_steps": 2.5}, "max_episode_steps: expected a whole number"),
+        ({"autoreset_mode": "x"}, "autoreset_mode: expected one of NextStep"),
+        ({"cfg": {"a": 1}}, "cfg: expected a NavConfig, got dict"),
     ],
 )
 def test_bad_arguments_are_named(options, message):
@@ -267,3 +271,29 @@ def test_the_configuration_of_a_policys_evaluation_has_its_inputs():
         for overrides in ([], ["task.goal_range_m=2.0"])
     )
     assert own.goal_range_m != spin_rl.evaluation_config("nav").goal_range_m and given.goal_range_m == 2.0
+
+
+@pytest.mark.parametrize(
+    ("make", "given", "message"),
+    [
+        (spin_rl.evaluation_config, {"task": "nope"}, "task: unknown 'nope'; choose from nav, pick, fetch"),
+        (spin_rl.training_config, {"task": "nope"}, "task: unknown 'nope'"),
+        (spin_rl.evaluation_config, {"overrides": ["task.dificulty=1"]}, "did you mean task.difficulty"),
+        (spin_rl.training_config, {"overrides": ["reward=shape"]}, "reward: unknown 'shape'"),
+        (spin_rl.evaluation_config, {"overrides": "robot=re1"}, "overrides: expected a list"),
+        (
+            spin_rl.evaluation_config,
+            {"policy": "pick-depth"},
+            "policy: pick-depth was trained with task=pick",
+        ),
+    ],
+)
+def test_what_is_no_configuration_is_one_line(make, given, message):
+    with pytest.raises(ConfigError) as error:
+        make(**given)
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_actions_of_another_shape_are_refused(env):
+    with pytest.raises(ValueError, match=r"^actions: expected shape \(4, 10\), got \(3, 10\)"):
+        env.step(np.zeros((3, 10), np.float32))

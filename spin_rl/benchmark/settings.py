@@ -124,6 +124,19 @@ def unused_depth(task: TaskConfig, overridden: Sequence[str]) -> str | None:
     return f"depth: {asked[0]} changes nothing, since this policy reads no images"
 
 
+def unused_cell(overridden: Sequence[str]) -> str | None:
+    """Say that the user chose corridors of a kind, where benchmarks run all kinds; None where all is well.
+
+    Args:
+        overridden: Overrides of the command line.
+    """
+    for override in overridden:
+        key = override.lstrip("+~").partition("=")[0]
+        if key in ("task.scenario", "task.difficulty"):
+            return f"{key}: changes nothing, since a benchmark runs all of them; see the rows of its table"
+    return None
+
+
 def noise_label(noise: Mapping[str, Any]) -> str:
     """Name a depth camera's noise after the most similar file in conf/depth, and what differs from it.
 

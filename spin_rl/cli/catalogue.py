@@ -24,7 +24,8 @@ def main() -> None:
             print(f"{title}:")
             print("\n".join(f"  {name:<{width}}  {meaning}".rstrip() for name, meaning in rows) or "  none")
     except ConfigError as error:
-        sys.exit(f"spin-list: error: {error}")
+        print(f"spin-list: error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _asked_for(arguments: list[str]) -> Iterable[tuple[str, list[Row]]]:

@@ -14,6 +14,7 @@ MODULES = {
     "play": "play",
     "bench": "bench",
     "list": "catalogue",
+    "export": "export",
     "reproduce": "reproduce",
 }
 """Name of each command after `spin-` -> its module beside this one."""
@@ -42,6 +43,11 @@ def play() -> None:
 def bench() -> None:
     """Run `spin-bench`."""
     _start("bench")
+
+
+def export() -> None:
+    """Run `spin-export`."""
+    _start("export")
 
 
 def reproduce() -> None:

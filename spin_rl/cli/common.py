@@ -39,6 +39,14 @@ GROUPS = frozenset({"robot", "scene", "reward", "sim", "depth", "task", "algo", 
 """Keys at the top of a configuration that hold mappings."""
 TASK_GROUPS = GROUPS - {"algo", "runner"}
 """Those that say what a task is like."""
+HYDRA_FLAGS = frozenset(
+    f"--{name}"
+    for name in (
+        *("help", "hydra-help", "version", "cfg", "resolve", "package", "run", "multirun", "info"),
+        *("shell-completion", "config-path", "config-name", "config-dir", "experimental-rerun"),
+    )
+)
+"""What Hydra itself takes; what else has dashes would get its usage in eight lines."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 RENAMED = {"baseline": "camera"} | {
@@ -132,7 +140,13 @@ def _refuse(argument: str, refused: Mapping[str, str]) -> None:
     """Reject an argument that a command cannot take, and one of a setting that has another name now."""
     if argument in refused:
         raise ConfigError(refused[argument])
-    key, _, value = argument.lstrip("+~").partition("=")
+    key, sign, value = argument.lstrip("+~").partition("=")
+    if sign and not key:
+        raise ConfigError(f"{argument}: expected key=value")
+    if key.startswith("--") and key not in HYDRA_FLAGS:
+        raise ConfigError(f"{argument}: unknown flag; settings are key=value, without dashes")
+    if value in ("null", "") and key in {path.name for path in CONF_DIR.iterdir() if path.is_dir()}:
+        raise ConfigError(f"{key}: expected the name of a file in conf/{key}, got {value or 'nothing'}")
     if key in RENAMED:
         raise ConfigError(f"{key}: is called {RENAMED[key]} now: {RENAMED[key]}={value}")
 

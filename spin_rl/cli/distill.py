@@ -66,9 +66,11 @@ def distill(call: common.Call) -> bool:
     ranks = read_ranks()
     make = partial(make_env, spec, task, options.num_envs, options.device, options.seed + 10_000 * ranks.rank)
     with run_folder.claimed(options, checkpoint) as run_dir:
-        with run_folder.videos(options, task, run_dir):
+        with run_folder.videos(options, task, run_dir) as make_last_video:
             summary = _train(options, make, values, start, checkpoint, run_dir)
         run_folder.write_results(run_dir, summary, options)
+        if not run_folder.was_stopped(summary):
+            make_last_video()
     return run_folder.was_stopped(summary)
 
 

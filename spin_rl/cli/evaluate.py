@@ -143,7 +143,7 @@ def evaluate(call: common.Call) -> bool:
     source = policies.open_for(spec, {"policy": named, "pick": options.pick}, call.opened)
     task = spec.configure(settings.for_policy(call.values, source.trained, options.overrides))
     source.check(task)
-    mistake = settings.unused_depth(task, options.overrides)
+    mistake = settings.unused_depth(task, options.overrides) or settings.unused_cell(options.overrides)
     if mistake is not None:
         raise ConfigError(mistake)
     runs = {

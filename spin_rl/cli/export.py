@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import torch
-
+from spin_rl.benchmark.policies import UNTRAINED, check_name
 from spin_rl.cli import common
 from spin_rl.config import ConfigError, from_keys
-from spin_rl.runners.policy_file import read_policy
+
+if TYPE_CHECKING:
+    from spin_rl.export.write import Exported
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,6 @@ def main() -> None:
 
 def export(call: common.Call) -> None:
     """Write the file or the bundle, and say how well it agrees with the policy; or show a file."""
-    from spin_rl.export.write import export_fetch, export_policy
-
     options = from_keys(Options, call.values)
     if options.show is not None:
         if options.policy is not None:
@@ -42,18 +42,18 @@ def export(call: common.Call) -> None:
         raise ConfigError("policy: a name or path is needed, or show=<file.onnx>")
     if options.pick is not None and not options.fetch:
         raise ConfigError("pick: is of a fetch, say fetch=true")
-    torch.set_num_threads(1)
-    if options.fetch:
-        folder = options.out or Path("fetch")
-        if folder.is_file():
-            raise ConfigError(f"out: {folder} is a file; a fetch is a folder")
-        written = export_fetch(options.policy, options.pick, folder)
-    else:
-        policy = read_policy(options.policy)
-        name = Path(options.policy).stem
-        path = options.out or Path(f"{name}.onnx")
+    for key, name in (("policy", options.policy), ("pick", options.pick)):
+        if name is not None:
+            check_name(name, key)
+            if name in UNTRAINED:
+                raise ConfigError(f"{key}: {name} learned nothing that could be exported")
+    name = Path(options.policy).stem
+    path = options.out or Path("fetch" if options.fetch else f"{name}.onnx")
+    if not options.fetch:
         common.make_folder_of(path, f"{name}.onnx")
-        written = [export_policy(policy, path)]
+    elif path.exists() and not path.is_dir():
+        raise ConfigError(f"out: {path} is a file; a fetch is a folder")
+    written = _write(options.policy, options.pick, path, options.fetch)
     for done in written:
         parity = done.parity
         size = done.path.stat().st_size / 1e6
@@ -65,6 +65,23 @@ def export(call: common.Call) -> None:
             print(f"  For simulation only: {done.contract.simulation_only}")
     if options.fetch:
         print(f"Wrote {written[0].path.parent / 'fetch.json'}, the settings of the stages")
+
+
+def _write(policy: str, pick: str | None, path: Path, fetch: bool) -> list[Exported]:
+    """Write the file, or the two of a fetch; Torch is imported now."""
+    import torch
+
+    from spin_rl.export.write import export_fetch, export_policy
+    from spin_rl.runners.policy_file import read_policy
+
+    torch.set_num_threads(1)
+    if fetch:
+        return export_fetch(policy, pick, path)
+    try:
+        source = read_policy(policy)
+    except ValueError as error:
+        raise ConfigError(f"policy: {error}") from None
+    return [export_policy(source, path)]
 
 
 def _show(path: Path) -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from hydra.errors import HydraException, OverrideParseException
+from omegaconf.errors import OmegaConfBaseException
 
 from spin_rl import files
+from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.tasks.common.compose import compose
 
 _UNKNOWN_KEY = re.compile(r"Could not override '([^']+)'")
+_AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<key>[^'=]+)=")
 _UNKNOWN_CHOICE = re.compile(r"Could not find '(?P<group>[^']+)/(?P<choice>[^'/]+)'")
 _MOST_LISTED = 12
 
@@ -35,13 +39,30 @@ def reason(error: Exception, name: str, arguments: Sequence[str]) -> str:
     if isinstance(error, OverrideParseException):  # its message shows a part only
         return f"{error.override}: {text}"
     if isinstance(error, HydraException):
-        choice, key = _UNKNOWN_CHOICE.search(text), _UNKNOWN_KEY.search(text)
+        choice, key, several = (
+            pattern.search(text) for pattern in (_UNKNOWN_CHOICE, _UNKNOWN_KEY, _AMBIGUOUS)
+        )
+        if several is not None:
+            return f"{several['key']}: takes one value at a time; -m runs several, one after the other"
         if choice is not None:
-            options = sorted(file.stem for file in (CONF_DIR / choice["group"]).glob("*.yaml"))
-            return f"{choice['group']}: unknown {choice['choice']!r}; choose from {', '.join(options)}"
+            options = ", ".join(_choices(choice["group"]))
+            return f"{choice['group']}: unknown {choice['choice']!r}; choose from {options}"
         if key is not None:
             return unknown_key(key[1].partition("@")[0], name, arguments)
     return text
+
+
+@contextlib.contextmanager
+def in_one_line(name: str, arguments: Sequence[str]) -> Iterator[None]:
+    """Say in one line what Hydra refuses, for those who call from Python; see `reason`.
+
+    Raises:
+        ConfigError: In place of what Hydra raises.
+    """
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ConfigError(reason(error, name, arguments)) from None
 
 
 def unknown_key(key: str, name: str, arguments: Sequence[str] = ()) -> str:
@@ -57,8 +78,14 @@ def unknown_key(key: str, name: str, arguments: Sequence[str] = ()) -> str:
     known = sorted(names)
     where = "".join(f"{part}." for part in above)
     close = difflib.get_close_matches(last, known, n=2, cutoff=0.7)
+    if not above and key in names:  # a group whose files change others, such as `camera`
+        return f"{key}: has no settings of its own; choose {key}={' or '.join(_choices(key))}"
     if close:
         return f"{key}: unknown key; did you mean {' or '.join(where + match for match in close)}?"
     if 0 < len(known) <= _MOST_LISTED:
         return f"{key}: unknown key; choose from {', '.join(where + option for option in known)}"
     return f"{key}: unknown key; see spin-{name} --help"
+
+
+def _choices(group: str) -> list[str]:
+    return sorted(file.stem for file in (CONF_DIR / group).glob("*.yaml"))

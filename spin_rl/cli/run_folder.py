@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -119,7 +119,7 @@ def find_start(options: RunOptions) -> Path | None:
     """Find and check the checkpoint to go on from, if there is one.
 
     Raises:
-        ConfigError: There is none that can be read, or its content cannot be used.
+        ConfigError: There is none that can be read, its content cannot be used, or nothing is left to do.
     """
     if options.resume is None:
         return None
@@ -131,6 +131,8 @@ def find_start(options: RunOptions) -> Path | None:
         check_checkpoint(state, str(path))
     except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"resume: {error}") from None
+    if state["iteration"] >= options.max_iterations:
+        raise ConfigError(f"max_iterations: {path} has {state['iteration']} already, those before count")
     return path
 
 
@@ -150,6 +152,7 @@ def claimed(options: RunOptions, checkpoint: Path | None) -> Iterator[Path]:
         yield path
         return
     try:
+        made = not path.exists()
         path.mkdir(parents=True, exist_ok=True)
         lock = FileLock(path / ".lock")
         lock.acquire(timeout=0)
@@ -164,6 +167,10 @@ def claimed(options: RunOptions, checkpoint: Path | None) -> Iterator[Path]:
             remove_temporary(folder)
         yield path
     finally:
+        if made and {file.name for file in path.iterdir()} == {".lock"}:  # it was refused: leave nothing
+            with contextlib.suppress(OSError):
+                (path / ".lock").unlink()
+                path.rmdir()
         lock.release()
 
 
@@ -253,7 +260,9 @@ def write_results(run_dir: Path, summary: dict[str, Any], options: RunOptions) -
         )
 
 
-def videos(options: RunOptions, task: TaskConfig, run_dir: Path) -> contextlib.AbstractContextManager[None]:
+def videos(
+    options: RunOptions, task: TaskConfig, run_dir: Path
+) -> contextlib.AbstractContextManager[Callable[[], None]]:
     """Make the videos that the call asks for while its run goes on; only the main process does."""
     minutes = options.video_minutes if common.is_main_process() else None
     return made_on_the_way(run_dir, minutes, task.episode_s)

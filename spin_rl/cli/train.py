@@ -58,9 +58,11 @@ def train(call: common.Call) -> bool:
     task = spec.configure(values)
     checkpoint = run_folder.find_start(options)
     with run_folder.claimed(options, checkpoint) as run_dir:
-        with run_folder.videos(options, task, run_dir):
+        with run_folder.videos(options, task, run_dir) as make_last_video:
             summary = _train(options, spec, task, values, start, checkpoint, run_dir)
         run_folder.write_results(run_dir, summary, options)
+        if not run_folder.was_stopped(summary):
+            make_last_video()
     return run_folder.was_stopped(summary)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ LONGEST_S = 10.0
 
 
 @contextlib.contextmanager
-def made_on_the_way(run_dir: Path, minutes: float | None, episode_s: float) -> Iterator[None]:
+def made_on_the_way(run_dir: Path, minutes: float | None, episode_s: float) -> Iterator[Callable[[], None]]:
     """Make a video of the latest checkpoint every few minutes, in `<run_dir>/videos`.
 
     It takes a core for about half a minute. What goes wrong with it is told and does not stop the training.
@@ -28,17 +29,33 @@ def made_on_the_way(run_dir: Path, minutes: float | None, episode_s: float) -> I
         run_dir: Folder of the run.
         minutes: Time between videos [min]; None makes none.
         episode_s: Time limit of the task's episodes [s].
+
+    Yields:
+        Call it after the end for a video of the last checkpoint; one that is in the making then is given up.
     """
     if minutes is None:
-        yield
+        yield lambda: None
         return
     over = threading.Event()
-    command = [sys.executable, "-m", "spin_rl.cli.play", f"policy={run_dir}", f"episodes={EPISODES}"]
-    command += ["samples=1", "device=cpu", f"task.episode_s={min(LONGEST_S, episode_s)}"]
-    thread = threading.Thread(target=_make, args=(command, run_dir, 60.0 * minutes, over), daemon=True)
+    numbers = itertools.count(1 + max(map(int, _made(run_dir)), default=0))  # a resumed run counts on
+
+    def make(over: threading.Event) -> None:
+        if (run_dir / "checkpoints" / "last.pt").exists():
+            video = run_dir / "videos" / f"{next(numbers):04d}.mp4"
+            _make(_play(run_dir, min(LONGEST_S, episode_s), video), over)
+
+    def make_every_time() -> None:
+        while not over.wait(60.0 * minutes):
+            make(over)
+
+    def make_last() -> None:
+        print("Making a video of the last checkpoint; Ctrl-C leaves it out", flush=True)
+        make(threading.Event())
+
+    thread = threading.Thread(target=make_every_time, daemon=True)
     thread.start()
     try:
-        yield
+        yield make_last
     finally:
         over.set()
         thread.join()
@@ -70,28 +87,39 @@ def of_events(
             yield path
 
 
-def _make(command: list[str], run_dir: Path, seconds: float, over: threading.Event) -> None:
-    number = 0
-    while not over.wait(seconds):
-        if not (run_dir / "checkpoints" / "last.pt").exists():
-            continue
-        number += 1
-        video = run_dir / "videos" / f"{number:04d}.mp4"
-        alone = {name: value for name, value in os.environ.items() if name not in _OF_TORCHRUN}
-        process = subprocess.Popen(
-            [*command, f"video={video}"],
-            env=alone | {"OMP_NUM_THREADS": "1"},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        while process.poll() is None:
-            if over.wait(1.0):
+def _made(run_dir: Path) -> list[str]:
+    """Numbers of the videos of a run."""
+    return [video.stem for video in (run_dir / "videos").glob("*.mp4") if video.stem.isdecimal()]
+
+
+def _play(run_dir: Path, episode_s: float, video: Path) -> list[str]:
+    command = [sys.executable, "-m", "spin_rl.cli.play", f"policy={run_dir}", f"episodes={EPISODES}"]
+    return [*command, "samples=1", "device=cpu", f"task.episode_s={episode_s}", f"video={video}"]
+
+
+def _make(command: list[str], over: threading.Event) -> None:
+    """Run a command until it ends or is no longer wanted."""
+    alone = {name: value for name, value in os.environ.items() if name not in _OF_TORCHRUN}
+    process = subprocess.Popen(
+        command,
+        env=alone | {"OMP_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    error = None
+    try:
+        while error is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                error = process.communicate(timeout=0.2)[1].strip()
+            if over.is_set():
                 process.kill()
-        error = process.communicate()[1].strip()
-        if process.returncode and not over.is_set():
-            last = error.splitlines()[-1] if error else f"exit status {process.returncode}"
-            print(f"\nwarning: video_minutes: no video: {last}", file=sys.stderr, flush=True)
+    finally:
+        process.kill()
+    if process.returncode and not over.is_set():
+        last = error.splitlines()[-1] if error else f"exit status {process.returncode}"
+        print(f"\nwarning: video_minutes: no video: {last}", file=sys.stderr, flush=True)
 
 
 _OF_TORCHRUN = ("RANK", "LOCAL_RANK", "WORLD_SIZE", "LOCAL_WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")

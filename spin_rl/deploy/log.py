@@ -14,15 +14,20 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from spin_rl.config import ConfigError
+from spin_rl import robot
+from spin_rl.config import ConfigError, Range, check_value, short
 from spin_rl.deploy.agent import Inputs
 from spin_rl.deploy.interface import Command, RobotState
 
 _FORMAT = 1
+_LENGTHS = {"joints": 8, "joint_velocity": 8, "joint_speed": 8, "base": 3, "base_velocity": 2}
+_KINDS: dict[str, Any] = {"homed": bool, "runstop": bool}
+_KINDS |= dict.fromkeys(("stamp_s", "forward", "turn"), Annotated[float, Range()])
+"""What fields of states and commands are."""
 
 
 class RunLog:
@@ -35,6 +40,8 @@ class RunLog:
             ConfigError: It cannot be written.
         """
         try:
+            if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would wait for a reader
+                raise ConfigError(f"log: {path} cannot be written: it is not a regular file")
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(path, "w", encoding="utf-8")
         except OSError as error:
@@ -99,11 +106,7 @@ class LoggedRun:
         """Read the steps one after the other."""
         for line in _lines(self.path):
             if "tick" in line:
-                depth = None if line["depth"] is None else unpack_image(line["depth"])
-                told = {name: np.array(values, dtype=np.float32) for name, values in line["told"].items()}
-                inputs = Inputs(_state(line["state"]), depth, told)
-                command = Command(**{key: _array(value) for key, value in line["command"].items()})
-                yield LoggedStep(line["tick"], inputs, np.array(line["action"]), command)
+                yield _step(line)
 
 
 def read_log(path: Path) -> LoggedRun:
@@ -125,9 +128,9 @@ def read_log(path: Path) -> LoggedRun:
         return LoggedRun(
             facts=lines[0],
             state=_state(begun[0]["start"]),
-            goal=_point(begun[0]["goal"]),
-            object_b=_point(begun[0]["object"]),
-            end=end[-1] if end else None,
+            goal=_point(begun[0]["goal"], 2),
+            object_b=_point(begun[0]["object"], 3),
+            end=check_value(dict[str, Any], end[-1], "replay.end") if end else None,
             path=path,
         )
 
@@ -143,7 +146,7 @@ def whole(path: Path) -> Iterator[None]:
         yield
     except ConfigError:
         raise
-    except (KeyError, TypeError, ValueError, zlib.error) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, zlib.error) as error:
         raise ConfigError(f"replay: {path} is damaged: {type(error).__name__}, {error}") from None
 
 
@@ -168,16 +171,37 @@ def unpack_image(packed: Mapping[str, Any]) -> np.ndarray:
     return np.frombuffer(data, dtype="<f4").reshape(packed["shape"])
 
 
+def _step(line: Mapping[str, Any]) -> LoggedStep:
+    depth = None if line["depth"] is None else unpack_image(line["depth"])
+    told = {name: np.array(values, dtype=np.float32) for name, values in line["told"].items()}
+    inputs = Inputs(_state(line["state"]), depth, told)
+    command = Command(**_fields(line["command"]))
+    return LoggedStep(line["tick"], inputs, _numbers(line["action"], len(robot.ACTIONS)), command)
+
+
 def _state(packed: Mapping[str, Any]) -> RobotState:
-    return RobotState(**{key: _array(value) for key, value in packed.items()})
+    return RobotState(**_fields(packed))
 
 
-def _array(value: Any) -> Any:
-    return np.array(value) if isinstance(value, list) else value
+def _fields(packed: Mapping[str, Any]) -> dict[str, Any]:
+    """Read numbers, truths, and arrays of a known length."""
+    return {
+        key: _numbers(value, _LENGTHS[key])
+        if key in _LENGTHS
+        else check_value(_KINDS[key], value, f"replay.{key}")
+        for key, value in packed.items()
+    }
 
 
-def _point(value: Any) -> np.ndarray | None:
-    return None if value is None else np.array(value, dtype=float)
+def _point(value: Any, length: int) -> np.ndarray | None:
+    return None if value is None else _numbers(value, length)
+
+
+def _numbers(value: Any, length: int) -> np.ndarray:
+    numbers = np.array(value, dtype=float)
+    if numbers.shape != (length,):
+        raise ValueError(f"expected {length} numbers, got {short(value)}")
+    return numbers
 
 
 def _lines(path: Path) -> Iterator[dict[str, Any]]:

@@ -265,6 +265,13 @@ def test_images_that_nobody_reads_are_told():
     assert settings.unused_depth(seeing, overrides) is None
 
 
+@pytest.mark.parametrize("override", ["task.difficulty=hard", "+task.scenario=1"])
+def test_a_choice_of_corridors_that_a_benchmark_does_not_make_is_told(override):
+    assert settings.unused_cell(["episodes=3", "task.episode_s=9"]) is None
+    message = settings.unused_cell(["episodes=3", override])
+    assert message is not None and message.startswith(override.lstrip("+").partition("=")[0])
+
+
 def test_policies_are_shown_as_they_are_measured(cfg):
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         assert hydra.compose("play").task == cfg["task"]

@@ -68,6 +68,12 @@ def test_help_needs_no_imports():
         ("train", ["resume=no-such"], "resume: There is no checkpoint at no-such."),
         ("play", ["policy=no-such", "device=cpu"], "policy: There is no policy 'no-such'"),
         ("distill", ["teacher=no-such", "device=cpu"], "teacher: There is no policy 'no-such'"),
+        ("export", ["policy=no-such"], "policy: There is no policy 'no-such'"),
+        (
+            "export",
+            ["policy=nav-cvo", "fetch=true", "out=/etc/passwd"],
+            "out: /etc/passwd is a file; a fetch",
+        ),
     ],
 )
 def test_a_refusal_needs_no_torch(command, arguments, expected):
@@ -111,7 +117,8 @@ def test_the_catalogue_names_what_there_is(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["spin-list", "nonsense"])
     with pytest.raises(SystemExit) as stopped:
         catalogue.main()
-    assert str(stopped.value).startswith("spin-list: error: nonsense: is neither")
+    assert stopped.value.code == 2
+    assert capsys.readouterr().err.startswith("spin-list: error: nonsense: is neither")
 
 
 KEPT = ["num_envs=64", "preset=cpu", "reward.collision=-5", "reward=careful", "+reward.goal_speed=0.1"]

@@ -54,6 +54,13 @@ def test_a_folder_that_cannot_be_is_named(tmp_path, monkeypatch, place):
     assert "\n" not in str(error.value)
 
 
+def test_a_refused_run_leaves_no_folder(tmp_path):
+    for path in (tmp_path / "new", tmp_path):
+        with pytest.raises(ConfigError), run_folder.claimed(options(path), None):
+            raise ConfigError("init: fits not")
+    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
+
+
 def test_no_folder_is_no_name():
     with pytest.raises(ConfigError, match="run_dir: expected a path, got ''"):
         options("")

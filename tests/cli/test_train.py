@@ -39,6 +39,12 @@ def run_main(monkeypatch, *arguments):
         ("num_envs=many", "num_envs: expected a whole number from 1 on, got 'many'"),
         ("run_dir=file/inside", "file"),
         ("+runner.algorithm.learning_speed=1.0", "algorithm.learning_speed"),
+        ("+camera.tilt=1", "camera: has no settings of its own; choose camera=fixcam_I or"),
+        ("--num_envs=16", "--num_envs=16: unknown flag; settings are key=value, without dashes"),
+        ("--bogus", "--bogus: unknown flag"),
+        ("=5", "=5: expected key=value"),
+        ("task=null", "task: expected the name of a file in conf/task, got null"),
+        ("seed=1,2", "seed: takes one value at a time; -m runs several"),
     ],
 )
 def test_bad_input_is_one_line_before_anything_starts(monkeypatch, capfd, tmp_path, argument, expected):
@@ -154,6 +160,12 @@ def test_training_from_start_to_resume(monkeypatch, capfd, tmp_path, device):
 
     # Or in another one, where that is asked for.
     other = tmp_path / "other"
-    run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir / 'checkpoints' / 'last.pt'}",
+    run_main(monkeypatch, *options, "max_iterations=4", f"resume={run_dir / 'checkpoints' / 'last.pt'}",
              f"run_dir={other}")  # fmt: skip
-    assert json.loads((other / "summary.json").read_text())["iterations"] == 3
+    assert json.loads((other / "summary.json").read_text())["iterations"] == 4
+
+    # Where nothing is left to do, its results stay as they are.
+    with pytest.raises(SystemExit) as stopped:
+        run_main(monkeypatch, *options, "max_iterations=3", f"resume={run_dir}")
+    assert stopped.value.code == 2 and "max_iterations: " in capfd.readouterr().err
+    assert json.loads((run_dir / "summary.json").read_text()) == summary

@@ -74,6 +74,10 @@ def test_arriving_and_being_stopped_have_their_status(monkeypatch, capsys):
             [f"policy={DATA / 'tiny_nav.onnx'}", "backend=fake_robot", "goal=[1,0]", "log=/"],
             "log: / cannot be written",
         ),
+        (
+            [f"policy={DATA / 'tiny_nav.onnx'}", "backend=fake_robot", "goal=[1,0]", "log=/dev/null"],
+            "log: /dev/null cannot be written: it is not a regular file",
+        ),
         ([f"policy={DATA / 'tiny_nav.onnx'}", "backend=fake_robot"], "goal: tiny_nav needs one"),
         ([f"policy={DATA / 'tiny_pick.onnx'}", "backend=fake_robot"], "object: tiny_pick needs one"),
         (["speed_scale=2"], "speed_scale: expected"),

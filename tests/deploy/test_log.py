@@ -1,5 +1,6 @@
 """A run's log: replayed, it gives the same actions; cut off, what is left of it does."""
 
+import copy
 import json
 from dataclasses import replace
 
@@ -87,6 +88,42 @@ def test_other_files_are_refused(tmp_path, content):
         read_log(path)
     with pytest.raises(ConfigError, match="no file"):
         read_log(tmp_path / "none.jsonl")
+
+
+def damaged(lines):
+    """Every value of a log, missing and of other kinds, one at a time."""
+    for number, line in enumerate(lines):
+        for path in leaves(line):
+            for value in ("missing", None, "x", [], [1.0, "y"], {"a": 1}, -1e300):
+                changed = copy.deepcopy(lines)
+                *above, last = path
+                at = changed[number]
+                for key in above:
+                    at = at[key]
+                at.pop(last)
+                if value != "missing":
+                    at[last] = value
+                yield changed
+
+
+def leaves(line, above=()):
+    for key, value in line.items():
+        yield (*above, key)
+        if isinstance(value, dict):
+            yield from leaves(value, (*above, key))
+
+
+def test_damage_is_one_line(run, nav_network, tmp_path):
+    begin, start, first, *_, end = [json.loads(line) for line in run.read_text().splitlines()]
+    refused, path = 0, tmp_path / "damaged.jsonl"
+    for lines in damaged([begin, start, first, end]):
+        path.write_text("\n".join(map(json.dumps, lines)))
+        try:
+            replay(read_log(path), Agent(nav_network))
+        except ConfigError as error:
+            assert str(error).startswith(("replay", "goal: ")) and "\n" not in str(error)
+            refused += 1
+    assert refused > 100
 
 
 def spoil(log, line, *keys, value=None):

@@ -179,7 +179,9 @@ def test_the_command_writes_and_shows(tmp_path, monkeypatch, capsys):
     ("arguments", "message"),
     [
         ([], "policy: a name or path is needed"),
-        (["policy=none"], "There is no policy 'none'"),
+        (["policy=none"], "policy: There is no policy 'none'"),
+        (["policy=zero"], "policy: zero learned nothing"),
+        (["policy=/etc/passwd"], "policy: The checkpoint /etc/passwd cannot be read"),
         (["policy=nav-cvo", "pick=pick-depth"], "pick: is of a fetch"),
         (["policy=nav-cvo", "out=x.pt"], "out: a policy's file is named <name>.onnx"),
         (["policy=pick-depth", "fetch=true"], "was trained with task=pick"),
