@@ -1,4 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportAttributeAccessIssue=false
 # pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """A guard between policy and base: where a command would end in what was seen, the nearest that does not.

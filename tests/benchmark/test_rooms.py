@@ -17,15 +17,16 @@ def evaluate(scene, episodes, device, **changes):
     return rooms.evaluate_rooms(make, cfg, episodes, [0], device, report=lambda line: None)
 
 
-def test_every_family_is_a_row(device):
+def test_every_family_of_the_mixture_is_a_row(device):
+    families = [name for name in FAMILIES if name != "shuttle"]  # it has a benchmark of its own scene
     result = evaluate("mixture", 2, device)
-    assert [(row["family"], row["episodes"]) for row in result["rows"]] == [(name, 2) for name in FAMILIES]
+    assert [(row["family"], row["episodes"]) for row in result["rows"]] == [(name, 2) for name in families]
     assert all(row["success_rate"] == row["spl"] == 0.0 for row in result["rows"])
     # What moves in a crossing may run into a robot that stands still.
     assert all(row["timeout_rate"] == 1.0 for row in result["rows"] if row["family"] != "crossing")
     lines = tables.table(result).splitlines()
     assert lines[0].startswith("Rooms: policy, 2 episodes per family (seeds 0)")
-    assert [line.split()[0] for line in lines[2:8]] == list(FAMILIES)
+    assert [line.split()[0] for line in lines[2:8]] == families
     assert "over 6 places, 12 episodes" in tables.headline(result)
 
 

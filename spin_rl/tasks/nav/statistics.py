@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from spin_rl import robot
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.common.statistics import Env, EpisodeStatistics, ratio
+from spin_rl.tasks.common.statistics import EpisodeStatistics, ratio
 
 
 class NavStatistics(EpisodeStatistics):
@@ -21,7 +23,7 @@ class NavStatistics(EpisodeStatistics):
         parts = tuple(f"part/{name}" for name in robot.PARTS)
         super().__init__(num_envs, reward_terms, device, sums=("goal_distance", "guarded", *parts))
 
-    def _task_sums(self, env: Env, done: torch.Tensor) -> torch.Tensor:
+    def _task_sums(self, env: Any, done: torch.Tensor) -> torch.Tensor:
         collided = (env.outcome == episode.COLLISION).float()
         parts = (env.sim.views.part_contacts * collided[:, None]).sum(0)
         guarded = done.new_zeros(()) if env.guard is None else env.guard.guarded.sum()
