@@ -144,7 +144,7 @@ class DistanceField:
             self._path = wp.zeros((nworld, 2 * (grid.nx + grid.ny)), dtype=wp.vec2)
             self._path_points = wp.zeros(nworld, dtype=wp.int32)
 
-    def update(self, goal: wp.array, mask: wp.array) -> None:
+    def update(self, goal: wp.array, mask: wp.array, near: wp.array | None = None, beyond: float = 0.0) -> None:
         """Compute the fields of the masked worlds from the slots where they are now; graph-safe.
 
         Args:
@@ -162,6 +162,8 @@ class DistanceField:
             clearance=self._clearance,
             blocked=self._blocked,
             rings=self._rings,
+            near=near,
+            beyond=beyond,
         )
 
     def trace(self, start: wp.array, mask: wp.array) -> None:

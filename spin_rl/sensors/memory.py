@@ -35,6 +35,7 @@ class SeenThings(Sensor):
         self._nearby = nearby
         self._qpos = qpos
         self._visible = scandots.visible
+        self.slots = self._obstacles
         shape = obstacles.pos.shape
         self.memory = memory.Memory()
         with wp.ScopedDevice(obstacles.pos.device):
@@ -42,6 +43,7 @@ class SeenThings(Sensor):
                 setattr(self.memory, name, wp.zeros(shape, dtype=wp.vec3))
             self.memory.velocity = wp.zeros(shape, dtype=wp.vec2)
             self.memory.seen_at = wp.full(shape, -1, dtype=wp.int32)
+            self.memory.changed = wp.zeros(shape[0], dtype=bool)
             self.memory.step = wp.zeros(shape[0], dtype=wp.int32)
         self.memory.max_age = max_age
 

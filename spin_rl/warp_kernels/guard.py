@@ -13,6 +13,8 @@ Source: the dynamic window approach (Fox, Burgard and Thrun 1997), as a filter o
 
 import warp as wp
 
+from spin_rl.warp_kernels.distance_field.field import Field, field_at
+from spin_rl.warp_kernels.distance_field.trace import downhill
 from spin_rl.warp_kernels.memory import Memory, Thing, is_remembered, recall
 from spin_rl.warp_kernels.slots import Slots
 
@@ -37,6 +39,14 @@ _TURNS = wp.constant(9)
 _TURN_COST = wp.constant(0.7)
 """How unlike a command another turning speed makes it, the forward speed counting 1."""
 _NONE = wp.constant(1.0e3)
+
+STUCK_STEPS = wp.constant(30)
+MOVED_M = wp.constant(0.15)
+RESCUE_STEPS = wp.constant(40)
+FIRST_STEPS = wp.constant(8)
+SECOND_STEPS = wp.constant(10)
+_SLOW_M_S = wp.constant(0.3)
+_HEADING_M = wp.constant(0.3)
 
 _Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 
@@ -69,6 +79,17 @@ class Things:
     height: wp.array2d[wp.vec2]
     hit: wp.array2d[int]
     count: wp.array[int]
+
+
+@wp.struct
+class Rescue:
+    """What is done where the robot got stuck; arrays (nworld,)."""
+
+    stuck: wp.array[int]
+    left: wp.array[int]
+    hold: wp.array[int]
+    place: wp.array[wp.vec2]
+    command: wp.array[wp.vec2]
 
 
 @wp.struct
@@ -293,6 +314,74 @@ def _nearest_free(
     return best
 
 
+@wp.struct
+class Motion:
+    """A base on its way: pose in the frame where it began, speeds, and whether it has hit anything."""
+
+    pose: wp.vec3
+    speed: wp.vec2
+    hit: bool
+
+
+@wp.func
+def _drive_on(world: int, motion: Motion, command: wp.vec2, first: int, steps: int, trial: Trial) -> Motion:
+    """Drive a command for some steps more; ``first`` were driven before."""
+    now = motion
+    blend = 1.0 - wp.exp(-_STEP_S / trial.drive.lag)
+    step = int(0)
+    while step < steps and not now.hit:
+        v = _follow(now.speed[0], command[0], trial.drive.acceleration * _STEP_S, blend)
+        w = _follow(now.speed[1], command[1], trial.drive.turn_acceleration * _STEP_S, blend)
+        turned = 0.5 * _STEP_S * (now.speed[1] + w)
+        driven = 0.5 * _STEP_S * (now.speed[0] + v)
+        yaw = now.pose[2] + 0.5 * turned
+        now.pose = wp.vec3(
+            now.pose[0] + driven * wp.cos(yaw), now.pose[1] + driven * wp.sin(yaw), now.pose[2] + turned
+        )
+        now.speed = wp.vec2(v, w)
+        step += 1
+        now.hit = _hits(world, now.pose, float(first + step), trial)
+    return now
+
+
+@wp.func
+def _left_to_go(world: int, pose: wp.vec3, base: wp.vec3, field: Field) -> float:
+    """Way from a pose in the base frame, with what it costs to turn along it [m]."""
+    cos_yaw = wp.cos(base[2])
+    sin_yaw = wp.sin(base[2])
+    at = wp.vec2(
+        base[0] + cos_yaw * pose[0] - sin_yaw * pose[1], base[1] + sin_yaw * pose[0] + cos_yaw * pose[1]
+    )
+    along = downhill(field, world, at)
+    turn = wp.atan2(along[1], along[0]) - base[2] - pose[2]
+    return field_at(field, world, at[0], at[1]) + _HEADING_M * wp.abs(wp.atan2(wp.sin(turn), wp.cos(turn)))
+
+
+@wp.func
+def _way_out(world: int, now: wp.vec2, base: wp.vec3, limit: wp.vec3, trial: Trial, field: Field) -> wp.vec2:
+    """The first of two commands, one after the other, that hit nothing and bring the base nearest to the goal."""
+    best = wp.vec2(0.0, 0.0)
+    least = float(1.0e9)
+    slow = wp.min(limit[0], _SLOW_M_S)
+    back = -wp.min(limit[1], _BACK_M_S)
+    start = Motion()
+    start.speed = now
+    for i in range(3 * 5):
+        v = wp.where(i // 5 == 0, slow, wp.where(i // 5 == 1, 0.0, back))
+        command = wp.vec2(v, 0.5 * limit[2] * float(i % 5 - 2))
+        middle = _drive_on(world, start, command, 0, FIRST_STEPS, trial)
+        if not middle.hit:
+            for j in range(2 * 5):
+                then = wp.vec2(wp.where(j // 5 == 0, slow, 0.0), 0.5 * limit[2] * float(j % 5 - 2))
+                end = _drive_on(world, middle, then, FIRST_STEPS, SECOND_STEPS, trial)
+                if not end.hit:
+                    cost = _left_to_go(world, end.pose, base, field)
+                    if cost < least:
+                        least = cost
+                        best = command
+    return best
+
+
 @wp.kernel
 def _guard(
     slots: Slots,
@@ -307,6 +396,8 @@ def _guard(
     steps: int,
     margin: float,
     things: Things,
+    field: Field,
+    rescue: Rescue,
     action: wp.array2d[float],
     guarded_out: wp.array[wp.bool],
 ):
@@ -329,7 +420,29 @@ def _guard(
     )
     now = wp.vec2(velocity[world, 0], velocity[world, 1])
     guarded_out[world] = not _is_free(world, now, command, steps, trial)
-    if guarded_out[world]:
+    here = wp.vec2(base[0], base[1])
+    if wp.length(here - rescue.place[world]) > MOVED_M:
+        rescue.place[world] = here
+        rescue.stuck[world] = 0
+    else:
+        rescue.stuck[world] = rescue.stuck[world] + wp.where(guarded_out[world], 2, 1)
+    if rescue.stuck[world] >= STUCK_STEPS and rescue.left[world] == 0:
+        rescue.stuck[world] = 0
+        rescue.left[world] = RESCUE_STEPS
+        rescue.hold[world] = 0
+    if rescue.left[world] > 0:
+        rescue.left[world] = rescue.left[world] - 1
+        guarded_out[world] = True
+        if rescue.hold[world] == 0 or not _is_free(world, now, rescue.command[world], 2, trial):
+            rescue.command[world] = _way_out(world, now, base, limit, trial, field)
+            rescue.hold[world] = FIRST_STEPS
+        rescue.hold[world] = rescue.hold[world] - 1
+        best = rescue.command[world]
+        if not _is_free(world, now, best, 1, trial):
+            best = wp.vec2(0.0, 0.0)
+        action[world, 0] = best[0] / wp.where(best[0] > 0.0, limit[0], limit[1])
+        action[world, 1] = best[1] / limit[2]
+    elif guarded_out[world]:
         best = _nearest_free(world, now, command, limit, steps, trial)
         action[world, 0] = best[0] / wp.where(best[0] > 0.0, limit[0], limit[1])
         action[world, 1] = best[1] / limit[2]
@@ -376,6 +489,8 @@ def guard(
     steps: int,
     margin: float,
     things: Things,
+    field: Field,
+    rescue: Rescue,
     action: wp.array,
     guarded_out: wp.array,
 ) -> None:
@@ -413,6 +528,8 @@ def guard(
             steps,
             margin,
             things,
+            field,
+            rescue,
             action,
         ],
         outputs=[guarded_out],

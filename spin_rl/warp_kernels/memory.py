@@ -11,10 +11,13 @@ two views of it tell. What was not seen for ``max_age`` steps is forgotten.
 import warp as wp
 
 from spin_rl.warp_kernels.geometry import MISS, rotate_yaw, rotate_yaw_inverse
-from spin_rl.warp_kernels.slots import Slots
+from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _STILL_M = wp.constant(1.0e-3)
 """A slot that moved less than this since it was seen last has not moved [m, rad]."""
+
+_FRESH_STEPS = wp.constant(5)
+_GROWTH_M = wp.constant(0.05)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,6 +38,7 @@ class Memory:
     seen_at: wp.array2d[int]
     step: wp.array[int]
     max_age: int
+    changed: wp.array[wp.bool]
 
 
 @wp.struct
@@ -80,6 +84,23 @@ def recall(memory: Memory, slots: Slots, world: int, slot: int, base: wp.vec3) -
     height = slots.pos[world, slot][2]  # nothing moves up or down
     thing.height = wp.vec2(height + low[2], height + high[2])
     return thing
+
+
+@wp.kernel
+def _recall_all(memory: Memory, slots: Slots, known_out: Slots):
+    """Put what is remembered where it is expected; what moves counts only while it is seen."""
+    world, slot = wp.tid()
+    known = is_remembered(memory, world, slot)
+    if known and wp.length(memory.velocity[world, slot]) > 0.0:
+        known = memory.step[world] - memory.seen_at[world, slot] <= _FRESH_STEPS
+    known_out.active[world, slot] = known
+    if known:
+        thing = recall(memory, slots, world, slot, wp.vec3(0.0, 0.0, 0.0))
+        low = thing.height[0]
+        high = thing.height[1]
+        pos = wp.vec3(thing.place[0], thing.place[1], 0.5 * (low + high))
+        half = wp.vec3(thing.half[0], thing.half[1], 0.5 * (high - low))
+        put_slot(world, slot, pos, thing.place[2], half, known_out)
 
 
 @wp.kernel
@@ -138,6 +159,13 @@ def _remember(
         else:
             steps = float(wp.max(memory.step[world] - memory.seen_at[world, slot], 1))
             velocity = wp.vec2(moved[0], moved[1]) / steps
+    if not is_remembered(memory, world, slot):
+        memory.changed[world] = True
+    else:
+        grown = wp.max(memory.low[world, slot] - low, high - memory.high[world, slot])
+        moved = pose - memory.pose[world, slot]
+        if wp.max(grown[0], grown[1]) > _GROWTH_M or wp.length(moved) > _STILL_M:
+            memory.changed[world] = True
     memory.low[world, slot] = low
     memory.high[world, slot] = high
     memory.pose[world, slot] = pose
@@ -163,3 +191,14 @@ def remember(slots: Slots, nearby: wp.array, qpos: wp.array, visible: wp.array, 
     device = nearby.device
     wp.launch(_count, dim=nearby.shape[0], inputs=[memory], device=device)
     wp.launch(_remember, dim=nearby.shape, inputs=[slots, nearby, qpos, visible, memory], device=device)
+
+
+def recall_all(memory: Memory, slots: Slots, known_out: Slots) -> None:
+    """Put what is remembered into slots; graph-safe."""
+    wp.launch(
+        _recall_all,
+        dim=memory.seen_at.shape,
+        inputs=[memory, slots],
+        outputs=[known_out],
+        device=memory.seen_at.device,
+    )

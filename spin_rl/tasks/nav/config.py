@@ -52,6 +52,23 @@ class GuardConfig:
 
 
 @dataclass(frozen=True)
+class PlannerConfig:
+    """A planner over what was seen.
+
+    Attributes:
+        enabled: Whether there is one.
+    """
+
+    enabled: bool = False
+    ahead_m: float = 2.0
+    every_s: float = 0.5
+    cell_m: float = 0.12
+    size_m: float = 15.36
+    blocked_m: float = 0.16
+    clearance_m: float = 0.25
+
+
+@dataclass(frozen=True)
 class NavConfig(CorridorConfig):
     """Everything that defines the navigation task.
 
@@ -79,6 +96,7 @@ class NavConfig(CorridorConfig):
     noise: NavNoise = field(default_factory=NavNoise)
     map: MapConfig = field(default_factory=MapConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
 

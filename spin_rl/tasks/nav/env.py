@@ -27,6 +27,7 @@ from spin_rl.tasks.nav import episode
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.guard import Guard
 from spin_rl.tasks.nav.observations import NavObservations
+from spin_rl.tasks.nav.planner import Planner
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
 from spin_rl.tasks.nav.ways import WayAhead, corridor_ways, field_ways, most_steps
@@ -100,9 +101,15 @@ class NavEnv(CorridorEnv):
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         noisy_map = self._make_map(cfg)
+        seen = self._make_guard(cfg)
+        planner = None
+        if cfg.planner.enabled:
+            planner = Planner(seen, self.sim.data.qpos, self._goal, cfg.planner, cfg.sim.control_period, device)
+            self.guard.field = planner._field.field
+        self.planner = planner
         observations = NavObservations(
             self.sim,
-            self.goal,
+            self.goal if planner is None else planner.subgoal,
             self.scandots,
             cfg.noise,
             seed,
@@ -113,13 +120,12 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
-        seen = self._make_guard(cfg)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
             seed,
             capture,
-            sensors=(self.scandots, seen, noisy_map, ahead, self.depth, self.lidar, self._odometry),
+            sensors=(self.scandots, seen, planner, noisy_map, ahead, self.depth, self.lidar, self._odometry),
             step_sensors=(self._clearance,),
         )
 

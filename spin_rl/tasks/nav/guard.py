@@ -58,6 +58,12 @@ class Guard:
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
             self._low = wp.zeros((num_worlds, int(guard.NUM_HULLS)), dtype=wp.vec3)
             self._high = wp.zeros_like(self._low)
+            self.field = None
+            self._rescue = guard.Rescue()
+            for name in ("stuck", "left", "hold"):
+                setattr(self._rescue, name, wp.zeros(num_worlds, dtype=wp.int32))
+            self._rescue.place = wp.zeros(num_worlds, dtype=wp.vec2)
+            self._rescue.command = wp.zeros(num_worlds, dtype=wp.vec2)
             self._guarded = wp.zeros(num_worlds, dtype=bool)
         self.guarded: torch.Tensor = wp.to_torch(self._guarded)
         self._drive = guard.Drive()
@@ -87,6 +93,8 @@ class Guard:
             steps=self._steps,
             margin=self._margin,
             things=self._things,
+            field=self.field,
+            rescue=self._rescue,
             action=sim.action,
             guarded_out=self._guarded,
         )

@@ -64,11 +64,19 @@ def _spread(
     values: wp.array2d[float],
     kinds: wp.array2d[int],
     queues: wp.array2d[int],
+    near: wp.array[int],
+    beyond: float,
 ):
-    """Relax cells until nothing changes; the arrays have the cells of a world in one row."""
+    """Relax cells until nothing changes; the arrays have the cells of a world in one row.
+
+    Where ``near`` names a cell of a world, values farther ``beyond`` its own are left out.
+    """
     world = wp.tid()
     if not mask[world]:
         return
+    last = int(-1)
+    if near.shape[0] > 0:
+        last = near[world]
     value = values[world]
     kind = kinds[world]
     queue = queues[world]
@@ -94,6 +102,9 @@ def _spread(
             lowest = wp.min(lowest, mine)
             if waiting >= count:
                 threshold = lowest + _BAND * cell
+                if last >= 0 and value[last] + beyond < lowest:
+                    threshold = 0.0
+                    count = 0
                 waiting = 0
                 lowest = UNREACHABLE
             continue
@@ -158,7 +169,7 @@ def _extend(
                     kinds[world, row, column] = _EXTENDED + ring
 
 
-def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.array, rings: int) -> None:
+def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.array, rings: int, near: wp.array | None = None, beyond: float = 0.0) -> None:
     """Spread the values that some cells have to all that ways lead to; graph-safe.
 
     Args:
@@ -174,7 +185,7 @@ def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.ar
     wp.launch(
         _spread,
         dim=nworld,
-        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue],
+        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue, wp.empty(0, dtype=wp.int32, device=mask.device) if near is None else near, beyond],
         device=mask.device,
     )
     for ring in range(rings):
@@ -199,6 +210,8 @@ def solve_distance_field(
     clearance: float,
     blocked: float,
     rings: int,
+    near: wp.array | None = None,
+    beyond: float = 0.0,
 ) -> None:
     """Compute the fields of the masked worlds; graph-safe, the scalars are frozen by a capture.
 
@@ -227,4 +240,4 @@ def solve_distance_field(
         blocked=blocked,
         lanes=lanes,
     )
-    spread_values(mask, field, kinds=kinds, queue=queue, rings=rings)
+    spread_values(mask, field, kinds=kinds, queue=queue, rings=rings, near=near, beyond=beyond)
