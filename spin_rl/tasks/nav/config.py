@@ -61,7 +61,8 @@ class PlannerConfig:
 
     enabled: bool = False
     ahead_m: float = 2.0
-    every_s: float = 0.5
+    replan_s: float = 0.5
+    stuck_s: float = 1.5
     cell_m: float = 0.12
     size_m: float = 15.36
     blocked_m: float = 0.16

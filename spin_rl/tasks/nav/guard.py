@@ -15,7 +15,7 @@ from spin_rl.tasks.nav.config import GuardConfig
 from spin_rl.warp_kernels import guard
 from spin_rl.warp_kernels.slots import slots_of
 
-_HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
+HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
 
 
 class Guard:
@@ -50,13 +50,13 @@ class Guard:
         num_worlds, k = sim.layout.nearby.shape
         self._things = guard.Things()
         with wp.ScopedDevice(sim.device):
-            self._shapes.hull = wp.array([_HULLS[name.partition("_")[0]] for name in names], dtype=wp.int32)
+            self._shapes.hull = wp.array([HULLS[name.partition("_")[0]] for name in names], dtype=wp.int32)
             self._things.place = wp.zeros((num_worlds, k), dtype=wp.vec3)
             for name in ("drift", "half", "height"):
                 setattr(self._things, name, wp.zeros((num_worlds, k), dtype=wp.vec2))
             self._things.hit = wp.zeros((num_worlds, k), dtype=wp.int32)
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
-            self._low = wp.zeros((num_worlds, int(guard.NUM_HULLS)), dtype=wp.vec3)
+            self._low = wp.zeros((num_worlds, int(guard.NUMHULLS)), dtype=wp.vec3)
             self._high = wp.zeros_like(self._low)
             self.field = None
             self._rescue = guard.Rescue()

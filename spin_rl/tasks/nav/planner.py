@@ -24,7 +24,7 @@ class Planner(Sensor):
         self._qpos = qpos
         self._goal = goal
         self._ahead_m = cfg.ahead_m
-        self._every = max(round(cfg.every_s / period), 1)
+        self._every = max(round(cfg.replan_s / period), 1)
         slots = seen.slots
         n = goal.shape[0]
         with wp.ScopedDevice(device):
