@@ -107,8 +107,8 @@ class Costmap:
         layers = part(self._layers)[0]
         middle, half = np.zeros((*layers.shape, 2)), np.zeros((*layers.shape, 2))
         taken = layers > 0
-        middle[taken] = 0.5 * (low + high)[:, taken].T
-        half[taken] = 0.5 * (high - low)[:, taken].T
+        low, high = low[:, taken].T, high[:, taken].T
+        middle[taken], half[taken] = 0.5 * (low + high), 0.5 * (high - low)
         return Window(layers, middle, half)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
