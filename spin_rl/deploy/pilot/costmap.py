@@ -24,6 +24,8 @@ _MOVING_S = 10.0
 """What came to where the floor was is forgotten after so long."""
 _CAME_S, _STAYS_S = 3.0, 2.0
 """The floor was seen so shortly before what came there; what is seen there so long after that stays."""
+_LOW_M, _SPREAD_M = 0.09, 0.015
+"""What is lower is gone where the floor is seen so near to what was seen of it."""
 _FORGET_EVERY = 10
 _NEVER = -(10**6)
 
@@ -128,6 +130,7 @@ class Costmap:
         inside = ((at >= 0) & (at < self._side)).all(-1) & (points[:, 2] < CEILING_M)
         cells, points = (at @ [1, self._side])[inside], points[inside]
         is_floor = points[:, 2] < FLOOR_M
+        self._clear_floor(cells[is_floor], points[is_floor])
         seen, things = cells[~is_floor], points[~is_floor]
         is_new = self._layers[seen] == 0
         new, old = seen[is_new], seen[~is_new]
@@ -142,6 +145,14 @@ class Costmap:
             np.maximum.at(self._high[axis], seen, things[:, axis])
         self._seen_at[seen] = self._tick
         self._floor_at[cells[is_floor]] = self._tick
+
+    def _clear_floor(self, cells: np.ndarray, points: np.ndarray) -> None:
+        """Take away what stood low where the floor is seen now: there is no depth to see through it."""
+        at = points[:, :2].T
+        stood = (at > self._low[:, cells] - _SPREAD_M) & (at < self._high[:, cells] + _SPREAD_M)
+        cells = np.unique(cells[stood.all(0) & (self._layers[cells] > 0)])
+        self._layers[cells] &= ~layers_between(0.0, _LOW_M)
+        self._empty(cells[self._layers[cells] == 0])
 
     def _clear(self, eye: Eye, depth: np.ndarray, camera: Frame) -> None:
         rows, columns = self._span(camera.pos[1], 1, FAR_M), self._span(camera.pos[0], 0, FAR_M)

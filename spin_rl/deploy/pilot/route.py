@@ -161,14 +161,14 @@ class _Plan:
         offset = self._cell * (np.stack([i, j], -1) + 0.5) + field.origin - field.goal
         straight = np.linalg.norm(offset, axis=-1)
         near = straight <= _NEAR * self._cell
-        to = middle - field.goal
-        gap = np.linalg.norm(np.maximum(np.abs(to) - half, 0.0), axis=-1)
-        close = gap < _NEAR * self._cell + clearance
-        to, margin = to[close], np.minimum(clearance, 0.7 * gap[close])
+        to, radius = middle - field.goal, np.linalg.norm(half, axis=-1)
+        gap = np.linalg.norm(to, axis=-1)
+        close = gap < _NEAR * self._cell + clearance + radius
+        to, margin = to[close], np.minimum(clearance + radius, 0.7 * gap)[close]
         # Distances of the things' middles to the segments from the goal to the cells.
         share = np.clip(offset @ to.T / np.maximum(straight**2, 1e-9)[:, None], 0.0, 1.0)
         away = np.linalg.norm(to - share[..., None] * offset[:, None], axis=-1)
-        near &= (away >= margin + half[close].max(-1)).all(-1) | (straight < 1e-9)
+        near &= (away >= margin).all(-1)
         field.values[j[near], i[near]] = straight[near]
 
 

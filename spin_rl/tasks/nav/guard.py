@@ -56,7 +56,7 @@ class Guard:
                 setattr(self._things, name, wp.zeros((num_worlds, k), dtype=wp.vec2))
             self._things.hit = wp.zeros((num_worlds, k), dtype=wp.int32)
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
-            self._low = wp.zeros((num_worlds, int(guard.NUMHULLS)), dtype=wp.vec3)
+            self._low = wp.zeros((num_worlds, int(guard.NUM_HULLS)), dtype=wp.vec3)
             self._high = wp.zeros_like(self._low)
             self.field = None
             self._rescue = guard.Rescue()
