@@ -2,8 +2,6 @@
 # (to a type checker, a Warp struct is an object, not a class)
 """A guard between policy and base, by what the camera has seen; see ``spin_rl.warp_kernels.guard``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch
@@ -13,12 +11,39 @@ from spin_rl import robot
 from spin_rl.sensors.clearance import robot_shapes
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.targets import action_for, joint_position
 from spin_rl.tasks.nav.config import GuardConfig
 from spin_rl.warp_kernels.distance_field.field import Field
 from spin_rl.warp_kernels.guard import filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
 _HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
+
+
+_FIRST_HEAD = wp.constant(robot.JOINTS.index(robot.CAMERA_JOINTS[0]))
+
+
+@wp.kernel
+def _hold_arm(
+    # In
+    recovery_left: wp.array(dtype=wp.int32),
+    dof_joint: wp.array(dtype=wp.int32),
+    dof_share: wp.array(dtype=float),
+    joint_low: wp.array(dtype=float),
+    joint_default: wp.array(dtype=float),
+    joint_high: wp.array(dtype=float),
+    qpos: wp.array2d(dtype=float),
+    # Out
+    action_out: wp.array2d(dtype=float),
+) -> None:
+    """Keep the arm still where the guard drives by itself, for which the policy has no plan."""
+    w = wp.tid()
+    if recovery_left[w] > 0:
+        for joint in range(_FIRST_HEAD):
+            at = joint_position(w, joint, dof_joint, dof_share, qpos)
+            action_out[w, 2 + joint] = action_for(
+                at, joint_low[joint], joint_default[joint], joint_high[joint]
+            )
 
 
 class Guard:
@@ -122,3 +147,14 @@ class Guard:
         )
         if self._recovery is not None:
             recovery.recover(**common, **self._recovery, guarded=self._guarded)
+            limits = sim.limits
+            wp.launch(
+                _hold_arm,
+                dim=self._guarded.shape[0],
+                inputs=[
+                    *(self._recovery["recovery"].left, limits.dof_joint, limits.dof_share),
+                    *(limits.joint_low, limits.joint_default, limits.joint_high, sim.data.qpos),
+                ],
+                outputs=[sim.action],
+                device=sim.device,
+            )

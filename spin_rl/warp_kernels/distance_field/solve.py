@@ -74,9 +74,6 @@ def _spread(
     world = wp.tid()
     if not mask[world]:
         return
-    last = int(-1)
-    if near.shape[0] > 0:
-        last = near[world]
     value = values[world]
     kind = kinds[world]
     queue = queues[world]
@@ -102,8 +99,9 @@ def _spread(
             lowest = wp.min(lowest, mine)
             if waiting >= count:
                 threshold = lowest + _BAND * cell
-                if last >= 0 and value[last] + beyond < lowest:
-                    count = 0
+                if near.shape[0] > 0:
+                    if value[near[world]] + beyond < lowest:
+                        count = 0
                 waiting = 0
                 lowest = UNREACHABLE
             continue

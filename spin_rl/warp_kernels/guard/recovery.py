@@ -130,6 +130,8 @@ def _recover(
         recovery.hold[world] = 0
     if recovery.left[world] == 0:
         return
+    recovery.left[world] = recovery.left[world] - 1
+    guarded[world] = True
     trial = Trial()
     trial.hulls = hulls_of(world, hull_low, hull_high)
     trial.drive = drive
@@ -141,8 +143,6 @@ def _recover(
         recovery.command[world] = _way_out(world, now, base, limit, trial, field)
         recovery.hold[world] = _FIRST_STEPS
     recovery.hold[world] = recovery.hold[world] - 1
-    recovery.left[world] = recovery.left[world] - 1
-    guarded[world] = True
     to = recovery.command[world]
     if not is_free(world, now, to, 1, trial):
         to = wp.vec2(0.0, 0.0)
