@@ -55,7 +55,7 @@ def _choose(
     mask_out: wp.array[wp.bool],
     near_out: wp.array[int],
 ) -> None:
-    """Choose the worlds to plan in: new episodes and goals, and in time those where something new was seen."""
+    """Choose the worlds to plan in: new episodes and goals, in time those where something new was seen."""
     w = wp.tid()
     at = wp.vec2(qpos[w, 0], qpos[w, 1])
     is_new = planned_ago[w] < 0 or wp.length(goal[w] - field.goal[w]) > 0.0
