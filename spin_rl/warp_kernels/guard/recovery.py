@@ -31,7 +31,7 @@ _HEADING_M = wp.constant(0.3)
 """Way that turning by 1 rad is worth [m]."""
 _FAR = wp.constant(1.0e9)
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})  # unrolled, CUDA takes minutes to compile it
 
 
 @wp.struct
