@@ -69,14 +69,11 @@ def _spread(
 ):
     """Relax cells until nothing changes; the arrays have the cells of a world in one row.
 
-    Where ``near`` names a cell of a world, values farther ``beyond`` its own are left out.
+    Where ``near`` names a cell of a world, values ``beyond`` its own may be left out.
     """
     world = wp.tid()
     if not mask[world]:
         return
-    last = int(-1)
-    if near.shape[0] > 0:
-        last = near[world]
     value = values[world]
     kind = kinds[world]
     queue = queues[world]
@@ -102,9 +99,9 @@ def _spread(
             lowest = wp.min(lowest, mine)
             if waiting >= count:
                 threshold = lowest + _BAND * cell
-                if last >= 0 and value[last] + beyond < lowest:
-                    threshold = 0.0
-                    count = 0
+                if near.shape[0] > 0:
+                    if value[near[world]] + beyond < lowest:
+                        count = 0
                 waiting = 0
                 lowest = UNREACHABLE
             continue
@@ -169,7 +166,16 @@ def _extend(
                     kinds[world, row, column] = _EXTENDED + ring
 
 
-def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.array, rings: int, near: wp.array | None = None, beyond: float = 0.0) -> None:
+def spread_values(
+    mask: wp.array,
+    field: Field,
+    *,
+    kinds: wp.array,
+    queue: wp.array,
+    rings: int,
+    near: wp.array,
+    beyond: float,
+) -> None:
     """Spread the values that some cells have to all that ways lead to; graph-safe.
 
     Args:
@@ -178,6 +184,8 @@ def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.ar
         kinds: What each cell is, see ``cells``; changed, shape (nworld, ny, nx), int32.
         queue: Scratch, shape (nworld, ny * nx), int32.
         rings: As for `solve_distance_field`.
+        near: Likewise.
+        beyond: Likewise.
     """
     nworld, columns = kinds.shape[0], kinds.shape[2]
     lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
@@ -185,7 +193,16 @@ def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.ar
     wp.launch(
         _spread,
         dim=nworld,
-        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue, wp.empty(0, dtype=wp.int32, device=mask.device) if near is None else near, beyond],
+        inputs=[
+            mask,
+            columns,
+            field.cell,
+            field.values.reshape(flat),
+            kinds.reshape(flat),
+            queue,
+            near,
+            beyond,
+        ],
         device=mask.device,
     )
     for ring in range(rings):
@@ -210,8 +227,8 @@ def solve_distance_field(
     clearance: float,
     blocked: float,
     rings: int,
-    near: wp.array | None = None,
-    beyond: float = 0.0,
+    near: wp.array,
+    beyond: float,
 ) -> None:
     """Compute the fields of the masked worlds; graph-safe, the scalars are frozen by a capture.
 
@@ -227,6 +244,9 @@ def solve_distance_field(
         clearance: Nearer to obstacles a way costs 4 times its length [m].
         blocked: Nearer no way leads through [m]; at least half a cell, or ways lead through thin walls.
         rings: Cells from passable ones up to which the others get values, at most `MAX_RINGS`.
+        near: A cell of each world, row by row; ways that are longer than from there by more than ``beyond``
+            [m] may be left out. Shape (nworld,), int32, or (0,) to find all.
+        beyond: See `near`.
     """
     lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
     prepare_cells(
