@@ -95,7 +95,8 @@ class Pilot:
     def steer(self, action: np.ndarray, state: RobotState) -> np.ndarray:
         """Return an action, shape (10,), with another command of the base where the policy's would hit something.
 
-        Where the robot is stuck it drives by itself.
+        Where the robot is stuck the pilot drives by itself and keeps the arm still, as the policy knows nothing
+        of that.
         """
         assert self._posed is not None
         base, margin = state.base, self._guard.margin_m
@@ -107,9 +108,18 @@ class Pilot:
             way_out = self._recovery.update(base, self.is_guarded, trial, self.route.field)
             if way_out is not None:
                 command, self.is_guarded = way_out, True
+                action = _with_arm_at(state.joints, action)
         if not self.is_guarded:
             return action
         return np.concatenate([self._drive.action_of(command), action[2:]])
+
+
+def _with_arm_at(joints: np.ndarray, action: np.ndarray) -> np.ndarray:
+    held = action.copy()
+    for index, (joint, value) in enumerate(zip(robot.JOINTS, joints.tolist(), strict=True), start=2):
+        if joint not in robot.CAMERA_JOINTS:
+            held[index] = np.clip(robot.action_of(joint, value), -1.0, 1.0)
+    return held
 
 
 def _base_frame(base: np.ndarray) -> Frame:

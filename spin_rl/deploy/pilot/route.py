@@ -143,7 +143,8 @@ class _Plan:
         values = self.field.values
         inner = slice(1, -1)
         step = np.float32(_SLOWNESS * self._cell)
-        open_ = (self._distance < self._blocked) & (self._distance > 0.0) & (values >= UNREACHABLE)
+        # Surfaces are as thin as they are seen: what they are in must not be passed.
+        open_ = (self._distance < self._blocked) & (self._distance > 0.5 * self._cell)
         for _ in range(math.ceil(math.sqrt(2.0) * self._blocked / self._cell) + 1):
             found = _upwind(values, inner, inner, step, 2.0 * step * step)
             now = open_[inner, inner] & (values[inner, inner] >= UNREACHABLE) & (found < UNREACHABLE)
