@@ -95,7 +95,7 @@ def boxes_around(rng):
     scene = Scene.empty(PoolSpec())
     scene.goal[:] = (6.0, 0.0)
     for slot in range(BOX, BOX + NUM_BOXES):
-        angle, away = rng.uniform(-np.pi, np.pi), rng.uniform(0.6, 1.3)
+        angle, away = rng.uniform(-1.3, 1.3), rng.uniform(0.6, 0.9)
         half = rng.uniform((0.03, 0.03, 0.05), (0.3, 0.3, 0.6))
         bottom = rng.choice([0.0, 0.3, 0.9])
         scene.active[slot] = True
@@ -168,13 +168,13 @@ def test_the_hulls_are_those_of_the_simulations_guard(contract, guarded):
 
 
 def test_the_same_commands_are_free_but_for_margins(contract, guarded):
-    """Whatever the simulation's guard stops with 2 cm less around things, and lets pass with 5 cm more."""
+    """Cells hold boxes around points 2 cm apart, so that the two differ where something just passes."""
     env, scenes, speed, asked = guarded
     stopped = env.guard.guarded.cpu().numpy()
     at = joints(env.sim.views.qpos).cpu().double().numpy()
     base = env.sim.views.qpos[:, :3].cpu().double().numpy()
     scale = env.sim.dynamics.speed_scale.numpy()
-    same, count = 0, 0
+    same = 0
     for world, scene in enumerate(scenes):
         drive = Drive.of(contract, float(scale[world]))
         hulls = Body(contract.shapes).pose(KINEMATICS.bodies(at[world])).hulls
@@ -182,11 +182,9 @@ def test_the_same_commands_are_free_but_for_margins(contract, guarded):
         trial = Trial(told(surface(scene)), hulls, base[world], speed[world].astype(float), drive, 0.01)
         free = bool(trial.is_free(command[None], 5)[0])
         same += free != stopped[world]
-        count += 1
         if free:
             np.testing.assert_array_equal(filtered(command, 5, trial), command)
-    assert count == 64 and 10 < stopped.sum() < 54
-    assert same >= 60
+    assert 10 < stopped.sum() < 54 and same >= 61
 
 
 def test_ways_are_those_of_the_simulations_planner(contract, device):
