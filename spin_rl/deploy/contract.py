@@ -251,11 +251,6 @@ class Contract:
         return self.planner is not None and self.planner.enabled
 
     @property
-    def reads_images(self) -> bool:
-        """Whether one of its inputs is an image; a pilot may read images besides."""
-        return self.depth_filter is not None
-
-    @property
     def period_s(self) -> float:
         """Time between two control steps [s]."""
         return 1.0 / self.rate_hz

@@ -77,7 +77,7 @@ def surface_points(boxes, step=0.02) -> np.ndarray:
         x, y, z = (
             np.linspace(a, b, max(round((b - a) / step), 1) + 1) for a, b in zip(low, high, strict=True)
         )
-        for sides in ([(x, y[[0, -1]], z), (x[[0, -1]], y, z)]):
+        for sides in [(x, y[[0, -1]], z), (x[[0, -1]], y, z)]:
             points.append(np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 3))
     return np.concatenate(points)
 
@@ -87,5 +87,11 @@ def distance_to(boxes, points) -> np.ndarray:
     gaps = []
     for low, high in boxes:
         beyond = np.maximum(np.array(low) - points, points - np.array(high))
-        gaps.append(np.abs(np.where(beyond.max(-1) < 0.0, beyond.max(-1), np.linalg.norm(np.maximum(beyond, 0.0), axis=-1))))
+        gaps.append(
+            np.abs(
+                np.where(
+                    beyond.max(-1) < 0.0, beyond.max(-1), np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+                )
+            )
+        )
     return np.min(gaps, axis=0)

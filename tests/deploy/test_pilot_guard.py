@@ -135,7 +135,9 @@ def test_what_is_stopped_would_have_come_near():
                 (points[:, 2] > wide.low[hull, 2]) & (points[:, 2] < wide.high[hull, 2]) for hull in range(4)
             ]
             assert any(
-                inside(corners[hull], points[level[hull], :2]).any() for corners in placed for hull in range(4)
+                inside(corners[hull], points[level[hull], :2]).any()
+                for corners in placed
+                for hull in range(4)
             ), seed
     assert kept > 20
 

@@ -65,7 +65,10 @@ def test_cells_hold_what_was_seen_at_its_height(pilot):
     assert len(middle) > 300
     inside = np.min([np.maximum(low - middle, middle - high).max(-1) for low, high in flat], axis=0)
     assert inside.max() < 0.03  # a box around points on two sides of a corner
-    near = {name: (np.abs(middle - at) < 0.25).all(-1) for name, at in (("low", (1.2, 0.0)), ("high", (1.15, -1.3)))}
+    near = {
+        name: (np.abs(middle - at) < 0.25).all(-1)
+        for name, at in (("low", (1.2, 0.0)), ("high", (1.15, -1.3)))
+    }
     assert near["low"].sum() > 15 and near["high"].sum() > 10
     assert (layers[near["low"]] & ~layers_between(0.0, 0.5 + LAYER_M) == 0).all()
     assert (layers[near["high"]] & ~layers_between(0.75, 1.0 + LAYER_M) == 0).all()

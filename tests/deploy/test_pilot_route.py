@@ -37,7 +37,10 @@ def planned(*boxes, start=START, goal=GOAL, settings=SETTINGS):
 
 def distance(boxes, points):
     """Distance of points (..., 2) to the nearest box."""
-    gaps = [np.linalg.norm(np.maximum(np.abs(points - box[:2]) - box[2:], 0.0), axis=-1) for box in np.array(boxes)]
+    gaps = [
+        np.linalg.norm(np.maximum(np.abs(points - box[:2]) - box[2:], 0.0), axis=-1)
+        for box in np.array(boxes)
+    ]
     return np.min(gaps, axis=0)
 
 

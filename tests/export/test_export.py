@@ -36,7 +36,7 @@ def test_every_shipped_policy_acts_the_same_once_exported(name, tmp_path):
     assert name in contract.model_card and contract.training["command"]
     assert (contract.simulation_only is not None) == (name in TEACHERS)
     guard = read_policy(name).config["task"].get("guard", {})
-    assert ("guard" in (contract.simulation_only or "")) == guard.get("enabled", False)
+    assert contract.has_pilot == guard.get("enabled", False) == bool(contract.shapes)
     expected = {"absolute"} if name.startswith("nav") else {"increments"}
     assert {contract.actions.mode} == expected
     assert (contract.goal is not None) == name.startswith("nav")

@@ -108,7 +108,9 @@ def surface(scene, step=0.02):
     """Points all over the sides of a scene's boxes, and within them."""
     points = []
     for pos, half in zip(scene.pos[scene.active], scene.half_size[scene.active], strict=True):
-        axes = [np.linspace(-h, h, max(round(2 * h / step), 1) + 1) + p for p, h in zip(pos, half, strict=True)]
+        axes = [
+            np.linspace(-h, h, max(round(2 * h / step), 1) + 1) + p for p, h in zip(pos, half, strict=True)
+        ]
         points.append(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3))
     return np.concatenate(points)
 
