@@ -113,7 +113,7 @@ class Agent:
         return resample_depth(upright(image, camera.mount), *camera.image)
 
     def observe(self, inputs: Inputs) -> dict[str, np.ndarray]:
-        """Return the policy's groups, each of shape (1, size); once in a step, since it takes in the image."""
+        """Return the policy's groups, each of shape (1, size); once in a step: it takes in the image."""
         goal = self._goal
         if self.pilot is not None:
             assert inputs.depth is not None

@@ -41,9 +41,9 @@ def measure_deploy(files: Sequence[Path], seconds: float, clock: Callable[[], fl
 
     Returns:
         Median and 99th percentile [ms] of the network's step, of the filter (with the reduction of the
-        camera's image) and of the whole tick, from the camera's image to the command; of a policy with a pilot
-        also of the tick without. The robot never moves and every image is another, so that a pilot plans as
-        often as it may and drives out of where it is stuck.
+        camera's image) and of the whole tick, from the camera's image to the command; of a policy with a
+        pilot also of the tick without. The robot never moves and every image is another, so that a pilot
+        plans as often as it may and drives out of where it is stuck.
     """
     share = seconds / (2 * len(files) + 1)
     rng = np.random.default_rng(0)

@@ -34,7 +34,7 @@ def camera_at(joints, base) -> Frame:
 
 
 def picture(boxes, camera: Frame, shape=(87, 58), fov_deg=(87.0, 58.0)) -> np.ndarray:
-    """Depth of boxes (lowest and highest corner) on a floor, upright; 0 beyond 10 m. Slabs of Kay and Kajiya."""
+    """Depth of boxes (two corners) on a floor, upright, 0 beyond 10 m: slabs of Kay and Kajiya."""
     down, left = (
         np.tan(np.radians(fov) / 2) * ((2 * np.arange(n) + 1) / n - 1)
         for fov, n in zip(fov_deg, shape, strict=True)

@@ -14,6 +14,7 @@ from spin_rl.deploy.pilot.trial import Drive, Trial
 CONTRACT = contract()
 DRIVE, BODY = Drive.of(CONTRACT, 1.0), Body(CONTRACT.shapes)
 STEPS, MARGIN = 5, 0.01
+CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
 def known(points):
@@ -35,11 +36,9 @@ def trial_of(costmap, base=(0.0, 0.0, 0.0), speed=(0.0, 0.0), joints=STOWED):
 
 
 def rectangles(hulls, poses, base):
-    """Corners of the hulls along poses in the base frame, in the frame of the odometry, (n, 4 hulls, 4, 2)."""
-    corners = np.stack(
-        [np.stack([x, y], -1) for x, y in [(hulls.low[:, 0], hulls.low[:, 1]), (hulls.high[:, 0], hulls.low[:, 1]),
-                                           (hulls.high[:, 0], hulls.high[:, 1]), (hulls.low[:, 0], hulls.high[:, 1])]], 1
-    )  # fmt: skip
+    """Corners of the hulls at poses in the base frame, in the frame of the odometry, (n, 4 hulls, 4, 2)."""
+    ends = np.stack([hulls.low, hulls.high])
+    corners = np.stack([np.stack([ends[i, :, 0], ends[j, :, 1]], -1) for i, j in CORNERS], 1)
     placed = []
     for x, y, yaw in poses:
         angle = yaw + base[2]

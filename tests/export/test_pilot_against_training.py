@@ -1,4 +1,4 @@
-"""The pilot beside the simulation's guard and planner, and beside MuJoCo's camera: the same robot, the same ways."""
+"""The pilot beside the simulation's guard and planner, and beside MuJoCo's camera."""
 
 from dataclasses import replace
 from typing import Any

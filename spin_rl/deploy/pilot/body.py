@@ -1,4 +1,4 @@
-"""The robot's own shape where its joints are: the boxes that must not hit anything, and what it sees of itself."""
+"""The robot's own shape: the boxes that must not hit anything, and what it sees of itself."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Posed:
     radius: np.ndarray
 
     def holds(self, points: np.ndarray, slack: float) -> np.ndarray:
-        """Return which points are nearer to the robot than a distance [m]; (n, 3) in the base frame -> (n,)."""
+        """Return which points (n, 3) in the base frame are nearer to the robot than a distance [m]; (n,)."""
         boxes = zip(self.hulls.low - slack, self.hulls.high + slack, strict=True)
         near = np.zeros(len(points), dtype=bool)
         for low, high in boxes:

@@ -128,7 +128,7 @@ class Costmap:
     def _mark(self, points: np.ndarray) -> None:
         at = np.floor((points[:, :2] - self._origin) / self._cell).astype(int)
         inside = ((at >= 0) & (at < self._side)).all(-1) & (points[:, 2] < CEILING_M)
-        cells, points = (at @ [1, self._side])[inside], points[inside]
+        cells, points = (at[:, 0] + self._side * at[:, 1])[inside], points[inside]
         is_floor = points[:, 2] < FLOOR_M
         self._clear_floor(cells[is_floor], points[is_floor])
         seen, things = cells[~is_floor], points[~is_floor]

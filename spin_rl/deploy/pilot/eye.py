@@ -26,7 +26,7 @@ class Eye:
         self._rays = np.stack([*np.meshgrid(x, y, indexing="ij"), np.ones(self._shape)], -1)
 
     def points(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points that are seen [m], shape (n, 3), of an image [m], 0 where nothing was measured."""
+        """Return the points that an image [m] shows, shape (n, 3); 0 is where nothing was measured."""
         seen = (depth > NEAR_M) & (depth < FAR_M)
         return depth[seen, None] * self._rays[seen]
 

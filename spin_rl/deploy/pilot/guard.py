@@ -22,7 +22,9 @@ _AT_ONCE = 18
 
 
 def filtered(command: np.ndarray, steps: int, trial: Trial) -> np.ndarray:
-    """Return the command most like a given one that hits nothing, looking ahead less if none does; else a stop.
+    """Return the command most like a given one that hits nothing.
+
+    It looks ahead less where none does; at last it is a stop.
 
     Args:
         command: Forward [m/s] and turning [rad/s], shape (2,).

@@ -93,10 +93,10 @@ class Pilot:
         return self._goal if self.route is None else self.route.subgoal(base[:2])
 
     def steer(self, action: np.ndarray, state: RobotState) -> np.ndarray:
-        """Return an action, shape (10,), with another command of the base where the policy's would hit something.
+        """Return an action, shape (10,), in which the base hits nothing that was seen.
 
-        Where the robot is stuck the pilot drives by itself and keeps the arm still, as the policy knows nothing
-        of that.
+        Where the robot is stuck the pilot drives by itself. The arm keeps still then, since the policy does
+        not know of it.
         """
         assert self._posed is not None
         base, margin = state.base, self._guard.margin_m

@@ -1,6 +1,6 @@
-"""The way out for a robot that is stuck: two commands, one after the other, that bring it nearest the goal.
+"""The way out for a robot that is stuck: two commands in turn that bring it nearest the goal.
 
-As `warp_kernels.guard`: a base that does not leave its place is driven for some seconds by the planner's ways.
+As `warp_kernels.guard.recovery`: a base that stays in its place is driven by the planner for some seconds.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _pairs(speeds: tuple[float, ...], turns: np.ndarray) -> np.ndarray:
 
 
 def _left_to_go(poses: np.ndarray, base: np.ndarray, field: Field) -> np.ndarray:
-    """Return the ways from poses in the base frame, with what it costs to turn along them; (n, 3) -> (n,) [m]."""
+    """Return the ways from poses (n, 3) in the base frame, with what turning along them costs, (n,) [m]."""
     cos, sin = np.cos(base[2]), np.sin(base[2])
     x, y, yaw = poses.T
     at = base[:2] + np.stack([cos * x - sin * y, sin * x + cos * y], -1)

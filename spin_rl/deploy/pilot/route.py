@@ -121,13 +121,11 @@ class _Plan:
         side = len(self.field.values)
         reach = math.ceil(self._blocked / self._cell) + 1
         column, row = np.clip(((place - self.field.origin) / self._cell).astype(int), 1, side - 2)
-        around = self.field.values[
-            max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
-        ]
-        return float(around.min())
+        rows, columns = (slice(max(at - reach, 0), at + reach + 1) for at in (row, column))
+        return float(self.field.values[rows, columns].min())
 
     def _relax(self) -> None:
-        """Give every cell the value that follows from its neighbours', around the goal as far as that can be."""
+        """Give the cells that ways have come to so far the values that their neighbours imply."""
         self._count += 1
         values, side = self.field.values, len(self.field.values)
         centre = ((self.field.goal - self.field.origin) / self._cell).astype(int)
@@ -142,7 +140,7 @@ class _Plan:
         """Give blocked cells beside those with values one too: the robot's own point may be there."""
         values = self.field.values
         inner = slice(1, -1)
-        step = np.float32(_SLOWNESS * self._cell)
+        step = np.full(1, _SLOWNESS * self._cell, dtype=np.float32)
         # Surfaces are as thin as they are seen: what they are in must not be passed.
         open_ = (self._distance < self._blocked) & (self._distance > 0.5 * self._cell)
         for _ in range(math.ceil(math.sqrt(2.0) * self._blocked / self._cell) + 1):

@@ -130,45 +130,36 @@ class Trial:
     def hits(self, poses: np.ndarray) -> np.ndarray:
         """Return which drives hit something: poses in the frame of the base now, (n, steps, 3) -> (n,)."""
         hit = np.zeros(len(poses), dtype=bool)
-        for middle, half, things in zip(self._middle, self._half, self._things, strict=True):
+        for hull, things in enumerate(self._things):
             left = np.flatnonzero(~hit)
             if things.shape[1] and left.size:
-                hit[left] = (
-                    self._overlaps(poses[left].reshape(-1, 3), middle, half, things)
-                    .reshape(len(left), -1)
-                    .any(-1)
-                )
+                overlaps = self._overlaps(poses[left].reshape(-1, 3), hull, things)
+                hit[left] = overlaps.reshape(len(left), -1).any(axis=-1)
         return hit
 
     def _gather(self, hull: int, hulls: Hulls, window: Window, middle: np.ndarray) -> np.ndarray:
-        """Collect what a hull may hit: x, y [m], a 1, and half extents in the odometry's axes, shape (5, n)."""
-        level = layers_between(hulls.low[hull, 2], hulls.high[hull, 2])
-        counts = (window.layers & level) > 0
-        things = np.concatenate([middle[counts], np.ones((counts.sum(), 1)), window.half[counts]], -1)
-        things = np.ascontiguousarray(things.T, dtype=np.float32)
-        counts[counts] = ~self._overlap_each(np.zeros((1, 3)), self._middle[hull], self._half[hull], things)[
-            0
-        ]
+        """Collect what a hull may hit: x, y [m], 1, and half extents in the odometry's axes, (5, n)."""
+        counts = (window.layers & layers_between(hulls.low[hull, 2], hulls.high[hull, 2])) > 0
+        at_start = self._overlaps(np.zeros((1, 3)), hull, _columns(counts, middle, window.half))
+        counts[counts] = ~at_start[0]
         # Nothing gets to what has things on all sides without hitting these.
         is_edge = counts.copy()
         is_edge[1:-1, 1:-1] &= ~(counts[:-2, 1:-1] & counts[2:, 1:-1] & counts[1:-1, :-2] & counts[1:-1, 2:])
-        things = np.concatenate([middle[is_edge], np.ones((is_edge.sum(), 1)), window.half[is_edge]], -1)
-        return np.ascontiguousarray(things.T, dtype=np.float32)
+        return _columns(is_edge, middle, window.half)
 
-    def _overlaps(
-        self, poses: np.ndarray, middle: np.ndarray, half: np.ndarray, things: np.ndarray
-    ) -> np.ndarray:
-        return self._overlap_each(poses, middle, half, things).any(-1)
-
-    def _overlap_each(
-        self, poses: np.ndarray, middle: np.ndarray, half: np.ndarray, things: np.ndarray
-    ) -> np.ndarray:
-        """Return whether a hull at poses (m, 3) overlaps things (5, n), along its own axes; (m, n)."""
-        x, y, yaw = poses.T
+    def _overlaps(self, poses: np.ndarray, hull: int, things: np.ndarray) -> np.ndarray:
+        """Return whether a hull at poses (m, 3) overlaps things (5, n), along its own axes, (m, n)."""
+        (x, y, yaw), middle, half = poses.T, self._middle[hull], self._half[hull].astype(np.float32)
         cos, sin = np.cos(yaw), np.sin(yaw)
         along = np.stack([cos, sin, -(cos * x + sin * y) - middle[0]], -1).astype(np.float32)
         aside = np.stack([-sin, cos, sin * x - cos * y - middle[1]], -1).astype(np.float32)
-        wide = np.abs(np.stack([np.cos(yaw + self._yaw), np.sin(yaw + self._yaw)], -1)).astype(np.float32)
-        hit = np.abs(along @ things[:3]) - wide @ things[3:] <= np.float32(half[0])
-        hit &= np.abs(aside @ things[:3]) - wide[:, ::-1] @ things[3:] <= np.float32(half[1])
-        return hit
+        yaw = yaw + self._yaw
+        wide = np.abs(np.stack([np.cos(yaw), np.sin(yaw)], -1)).astype(np.float32)
+        hit = np.abs(along @ things[:3]) - wide @ things[3:] <= half[0]
+        return hit & (np.abs(aside @ things[:3]) - wide[:, ::-1] @ things[3:] <= half[1])
+
+
+def _columns(which: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Return the chosen cells' middles, a 1, and half extents as columns, shape (5, n), float32."""
+    ones = np.ones((np.count_nonzero(which), 1))
+    return np.ascontiguousarray(np.concatenate([middle[which], ones, half[which]], -1).T, dtype=np.float32)
