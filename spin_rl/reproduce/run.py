@@ -186,10 +186,12 @@ class Runner:
             self._fail(step, f"ended with status {status}, see {child.log}: {child.last_line()}")
 
     def _keep(self, step: Evaluation, child: Child) -> bool:
-        """Store what an evaluation has measured; False if it was not whole."""
+        """Store what an evaluation has measured; False if it is not whole, as of one that was asked to end."""
         if child.process.returncode or child.out is None or not child.out.exists():
             return False
         result = json.loads(child.out.read_text())
+        if result.get("stopped"):
+            return False
         write_json(result_file(step.name), stored(self.steps, step, result, child.minutes))
         return True
 

@@ -75,6 +75,15 @@ def test_limit_of_time_saves_and_the_next_call_goes_on(make_runner):
     assert all("max_minutes=null" in arguments for tool, arguments in runner.calls if tool == "train")
 
 
+def test_part_of_a_measurement_is_no_result(make_runner):
+    assert make_runner().run(make_runner.all[:2])
+    evaluations = [step for step in make_runner.all if step.name.startswith("reach/")]
+    runner = make_runner({step.name: "holds" for step in evaluations}, minutes=5.0)
+    when_begun(make_runner, runner, lambda: 0.0)
+    assert not runner.run(evaluations)
+    assert [state.state_of(make_runner.steps, step).status for step in evaluations] == ["missing", "missing"]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stop_is_passed_on_and_waited_for(make_runner, monkeypatch, number):
     monkeypatch.setattr(run, "_REPORT_S", 0.0)
