@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -118,10 +118,7 @@ def _of_evaluation(steps: Steps, step: Evaluation) -> State:
     stored = read_result(step.name)
     if stored is None:
         return State("missing")
-    known = {fact["name"]: fact for fact in stored["trainings"]}
-    same = _agrees(stored["step"], step) and all(
-        name in known and _agrees(known[name], steps.by_name[name]) for name in steps.needs(step)
-    )
+    same = _agrees(stored["step"], step) and _has_trainings(steps, step, stored["trainings"])
     rates = [row["success_rate"] for row in stored["result"].get("rows", ()) if "success_rate" in row]
     success = sum(rates) / len(rates) if rates else None
     return State("done" if same else "outdated", stored["minutes"], success=success)
@@ -129,6 +126,17 @@ def _of_evaluation(steps: Steps, step: Evaluation) -> State:
 
 def _agrees(kept: Mapping[str, Any], step: Step) -> bool:
     return {key: kept.get(key) for key in planned(step)} == planned(step)
+
+
+def _has_trainings(steps: Steps, step: Step, trainings: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether what a step needs, and what that needs, was trained as planned."""
+    known = {fact["name"]: fact for fact in trainings}
+    return all(
+        name in known
+        and _agrees(known[name], steps.by_name[name])
+        and _has_trainings(steps, steps.by_name[name], known[name]["needs"])
+        for name in steps.needs(step)
+    )
 
 
 def _trainings(step: Step) -> list[dict[str, Any]]:

@@ -49,10 +49,16 @@ def finish(steps, name, env_steps=1000):
     )
 
 
+def described(steps, name):
+    """What a result tells of a training by which it is known."""
+    step = steps.by_name[name]
+    return state.planned(step) | {"needs": [described(steps, other) for other in steps.needs(step)]}
+
+
 def store(steps, name, **changes):
     """Keep a result."""
     step = steps.by_name[name]
-    trainings = [state.planned(steps.by_name[other]) for other in steps.needs(step)]
+    trainings = [described(steps, other) for other in steps.needs(step)]
     kept = {"command": "spin-eval", "commit": "abc", "hardware": "a machine", "minutes": 2.0, "result": {}}
     kept |= {"step": state.planned(step), "trainings": trainings} | changes
     file = state.result_file(name)
@@ -158,9 +164,15 @@ def test_a_result_of_another_plan_is_outdated(steps):
     assert state.state_of(steps, step).status == "done"
     store(steps, name, step=state.planned(step) | {"arguments": ["policy=zero"]})
     assert state.state_of(steps, step).status == "outdated"
-    training = state.planned(steps.by_name["second-1"])
-    store(steps, name, trainings=[training | {"planned_env_steps": 500}])
-    assert state.state_of(steps, step).status == "outdated"
+    training = described(steps, "second-1")
+    first = training["needs"][0]
+    for other in (
+        training | {"planned_env_steps": 500},
+        training | {"needs": [first | {"seed": 9}]},
+        training | {"needs": []},
+    ):
+        store(steps, name, trainings=[other])
+        assert state.state_of(steps, step).status == "outdated"
     assert not state.is_done(steps, steps.by_name["first-1"])
 
 
