@@ -186,7 +186,7 @@ class Runner:
             self._fail(step, f"ended with status {status}, see {child.log}: {child.last_line()}")
 
     def _keep(self, step: Evaluation, child: Child) -> bool:
-        """Store what an evaluation has measured; False if it is not whole, as of one that was asked to end."""
+        """Store what an evaluation has measured; False if it is not whole, as after a request to end."""
         if child.process.returncode or child.out is None or not child.out.exists():
             return False
         result = json.loads(child.out.read_text())

@@ -131,7 +131,8 @@ def budget_note(methods: list[Measured]) -> str:
     seeds = sorted({training["seed"] for training in trainings})
     return (
         f"trained from scratch for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
-        f"processes of each: {_span(processes)}, {'; '.join(machines)}, seeds {_listed(seeds)}, commits {commits}"
+        f"processes of each: {_span(processes)}, {'; '.join(machines)}, seeds {_listed(seeds)}, "
+        f"commits {commits}"
     )
 
 
