@@ -53,10 +53,11 @@ def test_as_many_as_wanted_each_once_after_what_it_needs(make_runner, jobs):
 
 
 def test_steps_run_side_by_side(make_runner):
-    """Both hold until both have begun, which would be never if they came one after the other."""
-    runner = make_runner(BOTH_HOLD, minutes=5.0)
+    """Both hold until both have begun, and with room for more, what needs them does not begin."""
+    runner = make_runner(BOTH_HOLD, jobs=4, minutes=5.0)
     when_begun(make_runner, runner, lambda: 0.0)
     assert not runner.run(make_runner.all)
+    assert [tool for tool, _ in runner.calls] == ["train", "train"]
     assert runner.lines[-1] == "Stopped by minutes=5 in a-1, a-2"
 
 
