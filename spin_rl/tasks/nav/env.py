@@ -27,6 +27,7 @@ from spin_rl.tasks.nav import episode
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.guard import Guard
 from spin_rl.tasks.nav.observations import NavObservations
+from spin_rl.tasks.nav.planner import Planner
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
 from spin_rl.tasks.nav.ways import WayAhead, corridor_ways, field_ways, most_steps
@@ -39,6 +40,7 @@ class NavEnv(CorridorEnv):
 
     Attributes:
         guard: What keeps the base from driving into what was seen; None if nothing does.
+        planner: What gives the policy points of the way for its goal; None if nothing does.
         most_steps: Control steps that the running episode may take, a view, shape (num_envs,), int32.
         lidar: The lidar, where the configuration enables it, else None.
         way_left: Way left to the goal in the running episode [m], a view, shape (num_envs,).
@@ -100,9 +102,10 @@ class NavEnv(CorridorEnv):
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         noisy_map = self._make_map(cfg)
+        seen = self._make_guard(cfg)
         observations = NavObservations(
             self.sim,
-            self.goal,
+            self.goal if self.planner is None else self.planner.subgoal,
             self.scandots,
             cfg.noise,
             seed,
@@ -113,13 +116,15 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
-        seen = self._make_guard(cfg)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
             seed,
             capture,
-            sensors=(self.scandots, seen, noisy_map, ahead, self.depth, self.lidar, self._odometry),
+            sensors=(
+                *(self.scandots, seen, self.planner, noisy_map),
+                *(ahead, self.depth, self.lidar, self._odometry),
+            ),
             step_sensors=(self._clearance,),
         )
 
@@ -163,14 +168,18 @@ class NavEnv(CorridorEnv):
             observations.add_lidar(self.lidar, self._odometry)
 
     def _make_guard(self, cfg: NavConfig) -> SeenThings | None:
-        """Make the guard, and return what it remembers things with."""
+        """Make guard and planner, and return what they remember things with."""
         self.guard: Guard | None = None
+        self.planner: Planner | None = None
         if not cfg.guard.enabled:
             return None
         sim = self.sim
         max_age = round(cfg.guard.memory_s / cfg.sim.control_period)
         seen = SeenThings(sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots, max_age)
         self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
+        if cfg.planner.enabled:
+            self.planner = Planner(seen, sim.data.qpos, self._goal, cfg.planner, cfg.sim.control_period)
+            self.guard.add_recovery(self.planner.field, cfg.planner.stuck_s, self._episode_length)
         return seen
 
     def _before_advance(self) -> None:
