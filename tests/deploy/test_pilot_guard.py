@@ -81,12 +81,12 @@ def drawn(seed):
 
 
 def touches(hulls, poses, base, points, margin=0.0):
-    """Whether hulls along poses hold points at their height that they do not hold at the start."""
+    """Whether hulls along poses hold points at their height that are not within a cell at the start."""
     placed = rectangles(hulls, np.concatenate([np.zeros((1, 3)), poses]), base)
     for hull in range(4):
         level = (points[:, 2] > hulls.low[hull, 2]) & (points[:, 2] < hulls.high[hull, 2])
         at = points[level, :2]
-        at = at[~near_at_start(placed[0, hull], at, 0.1)]
+        at = at[~near_at_start(placed[0, hull], at, 0.075)]
         if any(inside(corners, at).any() for corners in placed[1:, hull]):
             return True
     return False
