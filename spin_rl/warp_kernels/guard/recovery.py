@@ -36,7 +36,7 @@ _STAY_RAD = wp.constant(0.2)
 """Commands that move the base less than this, and turn it less, lead out of nothing."""
 _FAR = wp.constant(1.0e9)
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})  # unrolled, CUDA takes minutes to compile it
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})  # unrolled, CUDA takes minutes to compile
 
 
 @wp.struct
@@ -155,8 +155,6 @@ def _recover(
         recovery.has_then[world] = False
     if recovery.left[world] == 0:
         return
-    recovery.left[world] = recovery.left[world] - 1
-    guarded[world] = True
     trial = Trial()
     trial.hulls = hulls_of(world, hull_low, hull_high)
     trial.drive = drive
