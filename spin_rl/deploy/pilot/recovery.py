@@ -9,16 +9,21 @@ import numpy as np
 
 from spin_rl.deploy.pilot.field import Field
 from spin_rl.deploy.pilot.guard import BACK_M_S
-from spin_rl.deploy.pilot.trial import Trial
+from spin_rl.deploy.pilot.trial import Motion, Trial
 
 _MOVED_M = 0.15
 """A base that got so far from where it was is not stuck [m]."""
-_RECOVERY_S, _FIRST_S, _SECOND_S = 4.0, 0.8, 1.0
-"""How long a recovery takes, and its two commands."""
+_RECOVERY_S = 4.0
+_FIRST_S, _BACK_S, _SECOND_S = 0.8, 2.4, 1.0
+"""How long a recovery takes, and its two commands; backwards, which is slow, the first may take longer."""
 _SLOW_M_S = 0.3
 """Speed that is tried ahead [m/s]."""
-_TURNS = 0.5 * np.arange(-2, 3)
+_TURNS = np.array([-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0])
 """Turning speeds that are tried, shares of the limit."""
+_AT_ONCE = 32
+"""Pairs that are tried together."""
+_STAY_M, _STAY_RAD = 0.05, 0.2
+"""Commands that move the base less than this, and turn it less, lead out of nothing."""
 _HEADING_M = 0.3
 """Way that turning by 1 rad is worth [m]."""
 
@@ -36,11 +41,11 @@ class Recovery:
             place: Where the base is [m], shape (2,).
         """
         self._patience = round(stuck_s / period_s)
-        self._steps, self._first, self._second = (
-            round(time / period_s) for time in (_RECOVERY_S, _FIRST_S, _SECOND_S)
+        self._steps, self._first, self._back, self._second = (
+            round(time / period_s) for time in (_RECOVERY_S, _FIRST_S, _BACK_S, _SECOND_S)
         )
-        self._place, self._stuck, self._left, self._hold = place, 0, 0, 0
-        self._command = np.zeros(2)
+        self._place, self._stuck, self._left = place, 0, 0
+        self._plan: list[tuple[np.ndarray, int]] = []
 
     def update(self, base: np.ndarray, is_guarded: bool, trial: Trial, field: Field) -> np.ndarray | None:
         """Return the command [m/s, rad/s], shape (2,), while the robot is driven out; else None.
@@ -56,29 +61,49 @@ class Recovery:
         else:
             self._stuck += 2 if is_guarded else 1
         if self._stuck >= 2 * self._patience and self._left == 0:
-            self._stuck, self._left, self._hold = 0, self._steps, 0
+            self._stuck, self._left, self._plan = 0, self._steps, []
         if self._left == 0:
             return None
         self._left -= 1
-        if self._hold == 0 or not trial.is_free(self._command[None], 2)[0]:
-            self._command, self._hold = self._way_out(base, trial, field), self._first
-        self._hold -= 1
-        return self._command if trial.is_free(self._command[None], 1)[0] else np.zeros(2)
+        trial = trial.without_margin()  # the robot may have got to where a margin leaves no way
+        if not self._plan or not trial.is_free(self._plan[0][0][None], 2)[0]:
+            self._plan = self._way_out(base, trial, field)
+        (command, steps), *then = self._plan
+        self._plan = [(command, steps - 1), *then] if steps > 1 else then
+        return command if trial.is_free(command[None], 1)[0] else np.zeros(2)
 
-    def _way_out(self, base: np.ndarray, trial: Trial, field: Field) -> np.ndarray:
+    def _way_out(self, base: np.ndarray, trial: Trial, field: Field) -> list[tuple[np.ndarray, int]]:
+        """Return two commands with how many steps they take; a stop where nothing leads out."""
         ahead, back, turn = trial.drive.most
-        slow, turns = min(ahead, _SLOW_M_S), turn * _TURNS
-        firsts = _pairs((slow, 0.0, -min(back, BACK_M_S)), turns)
+        slow, back, turns = min(ahead, _SLOW_M_S), -min(back, BACK_M_S), turn * _TURNS
+        first, steps, middle = self._first_driven(slow, back, turns, trial)
         seconds = _pairs((slow, 0.0), turns)
-        poses, middle = trial.drive.follow(trial.start(len(firsts)), firsts, self._first)
-        free = np.flatnonzero(~trial.hits(poses))
-        which = np.repeat(free, len(seconds))
-        poses, end = trial.drive.follow(middle.each(which), np.tile(seconds, (len(free), 1)), self._second)
-        left = np.flatnonzero(~trial.hits(poses))
-        if not left.size:
-            return np.zeros(2)
-        best = left[_left_to_go(end.pose[left], base, field).argmin()]
-        return firsts[which[best]]
+        which = np.repeat(np.arange(len(first)), len(seconds))
+        second = np.tile(seconds, (len(first), 1))
+        poses, end = trial.drive.follow(Motion(middle.pose[which], middle.speed[which]), second, self._second)
+        moves = (np.hypot(*end.pose[:, :2].T) > _STAY_M) | (np.abs(end.pose[:, 2]) > _STAY_RAD)
+        cost = np.where(moves, _left_to_go(end.pose, base, field), np.inf)
+        order = np.argsort(cost, kind="stable")[: np.count_nonzero(moves)]
+        for at in range(0, len(order), _AT_ONCE):
+            some = order[at : at + _AT_ONCE]
+            free = some[~trial.hits(poses[some])]
+            if free.size:
+                best = which[free[0]]
+                return [(first[best], int(steps[best])), (second[free[0]], self._second)]
+        return [(np.zeros(2), self._first)]
+
+    def _first_driven(
+        self, slow: float, back: float, turns: np.ndarray, trial: Trial
+    ) -> tuple[np.ndarray, np.ndarray, Motion]:
+        """Drive first commands; return those that hit nothing, how many steps they took, and where to."""
+        found = []
+        for speeds, steps in (((slow, 0.0, back), self._first), ((back,), self._back)):
+            commands = _pairs(speeds, turns)
+            poses, end = trial.drive.follow(trial.start(len(commands)), commands, steps)
+            free = ~trial.hits(poses)
+            found.append((commands[free], np.full(free.sum(), steps), end.pose[free], end.speed[free]))
+        commands, steps, pose, speed = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return commands, steps, Motion(pose, speed)
 
 
 def _pairs(speeds: tuple[float, ...], turns: np.ndarray) -> np.ndarray:
