@@ -124,6 +124,4 @@ class NavConfig(CorridorConfig):
         """Reject impossible values with the key's name."""
         super().__post_init__()
         require_positive(self, "task", ("slowness",))
-        if self.planner.enabled and not self.guard.enabled:
-            raise ConfigError("task.planner.enabled: the planner needs task.guard.enabled=true")
         check_scales(self.reward, TERMS)

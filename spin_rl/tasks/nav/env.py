@@ -8,6 +8,7 @@ import torch
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.config import ConfigError
 from spin_rl.planning.distance_field import DistanceField, GridSpec
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
@@ -72,7 +73,12 @@ class NavEnv(CorridorEnv):
             scene: A fixed scene for every world and episode instead of generated ones; or several for the
                 worlds in turn: then ways and time limits are as in scene families, see `set_scenes`.
             capture: False launches kernels eagerly.
+
+        Raises:
+            ConfigError: A planner without the guard.
         """
+        if cfg.planner.enabled and not cfg.guard.enabled:  # the guard may be the policy's: not known before
+            raise ConfigError("task.planner.enabled: the planner needs task.guard.enabled=true")
         fixed = [scene] if isinstance(scene, Scene) else list(scene or ())
         super().__init__(
             cfg,
