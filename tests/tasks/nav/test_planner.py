@@ -162,7 +162,7 @@ def test_settings_that_cannot_be_meant_are_named(make, message):
 
 
 def test_the_planner_needs_the_guard(make_nav_env):
-    with pytest.raises(ConfigError, match="task.planner.enabled"):
+    with pytest.raises(ConfigError, match=r"^task\.planner\.enabled"):
         make_nav_env(NavConfig(planner=PlannerConfig(enabled=True)), num_envs=1)
 
 
