@@ -74,6 +74,9 @@ def test_the_way_leads_around_what_is_seen_and_through_what_is_not(make_nav_env)
     for _ in range(8):
         blind.step(blind.sim.views.action.clone())
     np.testing.assert_allclose(seen_goal(blind), (2.0, 0.0), atol=0.15)
+    # Once it has turned around, it is.
+    drive(blind, (0.0, 1.0), 25)
+    assert abs(seen_goal(blind)[1]) > 0.8
     assert make_nav_env(GUARDED, num_envs=1, scene=scene_with(WALL)).planner is None
 
 
