@@ -45,13 +45,13 @@ def reproduce(call: common.Call) -> bool:
     options = read_options(call.values)
     steps = read_steps(options.plan, options.runs)
     chosen = steps.chosen(options.only)
-    print(progress(steps, chosen))
+    processes = options.processes or min(num_cores(), _MOST_PROCESSES)
+    print(progress(steps, chosen, processes))
     if not options.run:
         print("run=true runs what is missing")
         return False
-    processes = options.processes or min(num_cores(), _MOST_PROCESSES)
     whole = Runner(steps, processes, options.minutes).run(chosen)
-    print(progress(steps, chosen))
+    print(progress(steps, chosen, processes))
     return not whole
 
 

@@ -8,8 +8,8 @@ from spin_rl.reproduce.plan import Step, Steps, Training
 from spin_rl.reproduce.state import command_of, state_of
 
 
-def progress(steps: Steps, chosen: Sequence[Step]) -> str:
-    """The list of steps: what is done, what is missing, and how long it takes."""
+def progress(steps: Steps, chosen: Sequence[Step], processes: int = 1) -> str:
+    """The list of steps: what is done, what is missing, and how long it takes in some processes."""
     rows = [("step", "state", "samples", "time", "success", "")]
     left = 0.0
     count = 0
@@ -22,7 +22,8 @@ def progress(steps: Steps, chosen: Sequence[Step]) -> str:
         state = state_of(steps, step)
         is_missing = state.status != "done"
         done_part = min(1.0, (state.env_steps or 0) / step.env_steps) if isinstance(step, Training) else 0.0
-        left += step.minutes * (1.0 - done_part) if is_missing else 0.0
+        if is_missing:
+            left += step.minutes * (1.0 - done_part) / steps.side_by_side(step, processes)
         count += not is_missing
         time_text = f"about {step.minutes:.0f} min" if state.minutes is None else f"{state.minutes:.1f} min"
         samples = "" if state.env_steps is None else f"{state.env_steps / 1e6:.2f} M"

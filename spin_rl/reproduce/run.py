@@ -40,11 +40,11 @@ _PATIENCE_S = 120.0
 
 @dataclass
 class Runner:
-    """Runs steps, one training or several evaluations at a time.
+    """Runs steps: several evaluations at a time, and one training, or several of one process.
 
     Attributes:
         steps: All steps.
-        processes: Of a training, and of evaluations at a time.
+        processes: All that run at a time.
         minutes: Limit of all together, or None.
         report: Receives lines of progress.
     """
@@ -64,33 +64,41 @@ class Runner:
         """
         todo = [step for step in chosen if not is_done(self.steps, step)]
         while todo:
-            # Evaluations side by side, as far as there are some in a row.
-            count = 1
-            while isinstance(todo[0], Evaluation) and count < min(self.processes, len(todo)):
-                if not isinstance(todo[count], Evaluation):
-                    break
-                count += 1
+            count = self._number_side_by_side(todo)
             batch, todo = todo[:count], todo[count:]
             expected = max(step.minutes for step in batch)
             left = self._minutes_left()
             if left < (_LEAST_MINUTES if isinstance(batch[0], Training) else expected):
                 self.report(f"Stopped by minutes={self.minutes:g} before {batch[0].name}")
                 return False
-            ahead = sum(step.minutes for step in (*batch, *todo))
+            ahead = sum(
+                step.minutes / self.steps.side_by_side(step, self.processes) for step in (*batch, *todo)
+            )
             self.report(
                 f"{', '.join(step.name for step in batch)}: about {expected:.0f} min; "
                 f"about {duration(ahead)} for all that is left"
             )
             start = time.monotonic()
             if isinstance(batch[0], Training):
-                self._train(batch[0], left)
-                if not is_done(self.steps, batch[0]):
-                    self.report(f"Stopped by minutes={self.minutes:g} in {batch[0].name}")
+                self._train([step for step in batch if isinstance(step, Training)], left)
+                cut_off = [step.name for step in batch if not is_done(self.steps, step)]
+                if cut_off:
+                    self.report(f"Stopped by minutes={self.minutes:g} in {', '.join(cut_off)}")
                     return False
             else:
                 self._measure([step for step in batch if isinstance(step, Evaluation)])
             self.report(f"  done after {(time.monotonic() - start) / 60:.1f} min")
         return True
+
+    def _number_side_by_side(self, todo: Sequence[Step]) -> int:
+        """How many of the next steps run together: as many alike in a row as there are processes for."""
+        most = min(self.steps.side_by_side(todo[0], self.processes), len(todo))
+        count = 1
+        while count < most and type(todo[count]) is type(todo[0]):
+            if {step.name for step in todo[:count]} & set(self.steps.needs(todo[count])):
+                break
+            count += 1
+        return count
 
     def measure_again(self, chosen: Sequence[Evaluation]) -> None:
         """Run evaluations whose results are there already.
@@ -111,27 +119,38 @@ class Runner:
         gone = (time.monotonic() - self._start) / 60.0
         return math.inf if self.minutes is None else self.minutes - gone
 
-    def _train(self, step: Training, minutes_left: float) -> None:
-        run_dir = self.steps.run_dir(step.name)
+    def _train(self, batch: Sequence[Training], minutes_left: float) -> None:
+        """Start or resume trainings and wait for them; one alone writes to the terminal."""
+        count = self.steps.processes or self.processes
         minutes = "null" if math.isinf(minutes_left) else f"{minutes_left:.2f}"
-        limits = [f"max_iterations={iterations(self.steps, step, self.processes)}", f"max_minutes={minutes}"]
-        if has_checkpoint(run_dir):
-            arguments = [f"resume={run_dir}", *limits]
-        else:
-            arguments = [*self.steps.arguments(step), f"seed={step.seed}", f"run_dir={run_dir}", *limits]
-        note_call(run_dir, arguments)
-        _wait([_started(_python("train", arguments, self.processes))], [step.name])
+        processes = []
+        for step in batch:
+            run_dir = self.steps.run_dir(step.name)
+            limits = [f"max_iterations={iterations(self.steps, step, count)}", f"max_minutes={minutes}"]
+            if has_checkpoint(run_dir):
+                arguments = [f"resume={run_dir}", *limits]
+            else:
+                arguments = [*self.steps.arguments(step), f"seed={step.seed}", f"run_dir={run_dir}", *limits]
+            note_call(run_dir, arguments)
+            log = None if len(batch) == 1 else self._log(step)
+            processes.append(_started(_python("train", arguments, count), log))
+        _wait(processes, [step.name if len(batch) == 1 else self._named(step) for step in batch])
+
+    def _log(self, step: Step) -> Path:
+        return self.steps.runs / "logs" / f"{step.name.replace('/', '-')}.log"
+
+    def _named(self, step: Step) -> str:
+        return f"{step.name} (see {self._log(step)})"
 
     def _measure(self, batch: Sequence[Evaluation]) -> None:
         with tempfile.TemporaryDirectory() as folder:
             outs = [Path(folder) / f"{i}.json" for i in range(len(batch))]
-            logs = [self.steps.runs / "logs" / f"{step.name.replace('/', '-')}.log" for step in batch]
             start = time.monotonic()
             processes = []
-            for step, out, log in zip(batch, outs, logs, strict=True):
+            for step, out in zip(batch, outs, strict=True):
                 arguments = [*self.steps.arguments(step), f"out={out}"]
-                processes.append(_started(_python(step.command, arguments), log))
-            _wait(processes, [f"{step.name} (see {log})" for step, log in zip(batch, logs, strict=True)])
+                processes.append(_started(_python(step.command, arguments), self._log(step)))
+            _wait(processes, [self._named(step) for step in batch])
             minutes = (time.monotonic() - start) / 60.0
             for step, out in zip(batch, outs, strict=True):
                 write_json(

@@ -48,10 +48,11 @@ def make_runner(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "read_curve", lambda folder: {})
     steps = read_steps(PLAN, tmp_path / "runs")
 
-    def make(fails=False, **options):
+    def make(fails=False, plan=None, **options):
         script = tmp_path / "fake.py"
         script.write_text(FAKE.format(fails=fails))
-        runner = run.Runner(steps, 2, report=lambda line: runner.lines.append(line), **options)
+        given = steps if plan is None else read_steps(plan, tmp_path / "runs")
+        runner = run.Runner(given, 2, report=lambda line: runner.lines.append(line), **options)
         runner.lines, runner.calls = [], []
 
         def python(tool, arguments, processes=1):
@@ -91,6 +92,30 @@ def test_goes_on_with_a_training_that_was_cut_off(make_runner):
     assert make_runner(minutes=5.0).run([step])
     calls = (make_runner.steps.run_dir("a-1") / "calls.jsonl").read_text().splitlines()
     assert len(calls) == 3 and "hardware" in json.loads(calls[0])
+
+
+def test_trainings_of_one_process_run_side_by_side(make_runner):
+    trainings = [
+        {"name": "a", "seeds": [1, 2, 3], "evaluate": False},
+        {"name": "b", "seeds": [3], "arguments": ["teacher={a}"]},
+    ]
+    plan = PLAN | {"processes": 1, "groups": [{"name": "one", "claim": "c", "trainings": trainings}]}
+    runner = make_runner(plan=plan)
+    assert runner.run(list(runner.steps.by_name.values()))
+    # The last one learns from the one before it, which must be done.
+    assert [line.split(":")[0] for line in runner.lines[::2]] == ["a-1, a-2", "a-3", "b-3", "reach/b-3"]
+    # 100,000 samples of 256 worlds, 32 steps and one process take 13 iterations.
+    assert all("max_iterations=13" in arguments and count == 1 for _, arguments, count in runner.calls[:4])
+    assert (runner.steps.runs / "logs" / "a-2.log").exists()
+    assert not (runner.steps.runs / "logs" / "a-3.log").exists()  # alone, it writes to the terminal
+    assert "about 22 min for all that is left" in runner.lines[0]  # 10 of each training, 2 side by side
+
+
+def test_a_failure_among_several_trainings_names_its_log(make_runner):
+    runner = make_runner(fails=True, plan=PLAN | {"processes": 1})
+    with pytest.raises(ConfigError, match=r"run: a-2 \(see .*logs/a-2.log\) ended with status 3"):
+        runner.run(list(runner.steps.by_name.values()))
+    assert state.is_done(runner.steps, runner.steps.by_name["a-1"])
 
 
 def test_nothing_begins_without_time(make_runner):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from spin_rl.config import ConfigError
-from spin_rl.reproduce.plan import REACH, Evaluation, Steps
+from spin_rl.reproduce.plan import PAPER, REACH, Evaluation, Steps
 from spin_rl.reproduce.state import read_result, state_of
 from spin_rl.reproduce.tables.rates import Rate
 
@@ -84,7 +84,11 @@ class Stored:
     used: list[Evaluation] = field(default_factory=list)
 
     def reach(self, name: str) -> Measured:
-        """Results of the reach benchmark of all trainings of a name.
+        """Results of the reach benchmark of all trainings of a name; see `of_trainings`."""
+        return self.of_trainings(REACH, name)
+
+    def of_trainings(self, kind: str, name: str) -> Measured:
+        """Results of a kind of all trainings of a name.
 
         Raises:
             ConfigError: One is missing; one line with the command that makes it.
@@ -92,7 +96,7 @@ class Stored:
         found = [
             step
             for step in self.steps.by_name.values()
-            if isinstance(step, Evaluation) and step.name.rpartition("-")[0] == f"{REACH}/{name}"
+            if isinstance(step, Evaluation) and step.name.rpartition("-")[0] == f"{kind}/{name}"
         ]
         if not found:
             raise ConfigError(f"table: {self.table} needs trainings {name}, which the plan does not have")
@@ -110,8 +114,10 @@ class Stored:
         status = state_of(self.steps, step).status
         if status != "done":
             what = "there is no" if status == "missing" else "the plan has changed since"
+            plan = "" if self.steps.plan == PAPER else f"plan={self.steps.plan} "
             raise ConfigError(
-                f"table: {what} result {name}, which {self.table} needs: spin-reproduce run=true only={name}"
+                f"table: {what} result {name}, which {self.table} needs: "
+                f"spin-reproduce {plan}run=true only={name}"
             )
         self.used.append(step)
         stored = read_result(name)

@@ -13,6 +13,7 @@ from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
+from spin_rl.sensors.awareness import Awareness
 from spin_rl.sensors.clearance import Clearance
 from spin_rl.sensors.lidar import Lidar
 from spin_rl.sensors.memory import SeenThings
@@ -24,6 +25,7 @@ from spin_rl.tasks.common.env import with_camera_at
 from spin_rl.tasks.common.episode import SUCCESS
 from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.nav import episode
+from spin_rl.tasks.nav.camera import CameraActions
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.guard import Guard
 from spin_rl.tasks.nav.observations import NavObservations
@@ -85,6 +87,7 @@ class NavEnv(CorridorEnv):
             ],
             moving=any(given.moves for given in fixed or (cfg.scene,)),
         )
+        self._camera = CameraActions(cfg, device) if cfg.camera_pose is None else None
         self._is_fixed = bool(fixed)
         self._layout_params = with_camera_at(cfg.scene, cfg.camera_pose)
         with wp.ScopedDevice(device):
@@ -113,14 +116,14 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
-        seen = self._make_guard(cfg)
+        seen = self._make_memory(cfg)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
             seed,
             capture,
             sensors=(self.scandots, seen, noisy_map, ahead, self.depth, self.lidar, self._odometry),
-            step_sensors=(self._clearance,),
+            step_sensors=(self._clearance, self._awareness),
         )
 
     def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
@@ -162,16 +165,27 @@ class NavEnv(CorridorEnv):
             self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
             observations.add_lidar(self.lidar, self._odometry)
 
-    def _make_guard(self, cfg: NavConfig) -> SeenThings | None:
-        """Make the guard, and return what it remembers things with."""
+    def _make_memory(self, cfg: NavConfig) -> SeenThings | None:
+        """Make the guard and the reward for information, and return what they remember things with."""
         self.guard: Guard | None = None
-        if not cfg.guard.enabled:
+        self._awareness: Awareness | None = None
+        is_rewarded = "information" in self._reward_scales
+        if not (cfg.guard.enabled or is_rewarded):
             return None
-        sim = self.sim
-        max_age = round(cfg.guard.memory_s / cfg.sim.control_period)
+        sim, period = self.sim, cfg.sim.control_period
+        max_age = round(cfg.guard.memory_s / period)
         seen = SeenThings(sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots, max_age)
-        self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
+        if cfg.guard.enabled:
+            self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
+        if is_rewarded:
+            self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
         return seen
+
+    def _set_camera(self, action: torch.Tensor) -> None:
+        super()._set_camera(action)
+        if self._camera is not None:
+            before = self._last_action[:, -len(robot.CAMERA_JOINTS) :]
+            self._camera.apply(action, before, self.episode_length_buf)
 
     def _before_advance(self) -> None:
         if self.guard is not None:
@@ -202,6 +216,7 @@ class NavEnv(CorridorEnv):
         # The goal before the step: worlds that ended have new ones when rewards are computed.
         self._goal_before = torch.zeros_like(self.goal)
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
+        self._information = self._zero if self._awareness is None else wp.to_torch(self._awareness.gain)
 
     def _end_episodes(self) -> None:
         sim = self.sim
@@ -293,6 +308,7 @@ class NavEnv(CorridorEnv):
             last_action=self._last_action,
             observations=self._observed,
             haste=self._haste,
+            information=self._information,
         )
 
 
