@@ -206,10 +206,11 @@ def summarize(episodes: ReachEpisodes, control_period: float) -> dict[str, Any]:
 
 
 def summarize_drives(episodes: DriveEpisodes, control_period: float) -> dict[str, Any]:
-    """Compute the figures of one row of a benchmark of the navigation task: `summarize`, `spl` and `outcomes`.
+    """Compute the figures of one row of a benchmark of the navigation task.
 
-    `outcomes` is a letter for every episode, the first one of its outcome's name in `episode.OUTCOMES`, so that
-    results of the same scenes can be paired; see `paired`.
+    Returns:
+        As `summarize`, with `spl`, and with `outcomes`, which lets results of the same scenes be paired: a
+        letter for every episode, the first one of the name that `episode.OUTCOMES` has for how it ended.
     """
     success = episodes.outcome == episode.SUCCESS
     return summarize(episodes, control_period) | {

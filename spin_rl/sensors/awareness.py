@@ -27,7 +27,7 @@ class Awareness(Sensor):
         Args:
             obstacles: Obstacle slots, shape (nworld, nslot).
             qpos: ``d.qpos``, shape (nworld, nq).
-            seen: What the camera has shown; a sensor of observations, so that here it is of the one before the step.
+            seen: What the camera has shown; updated with the observations, so up to the one before the step.
             near_m: Distance of the base that is near [m].
             period: Time between two steps [s].
         """

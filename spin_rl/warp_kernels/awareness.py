@@ -3,8 +3,8 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Which things come near the base in a step, and whether the camera had shown them before.
 
-A thing is known where it was seen, as long as it has moved by less than ``MOVED_M`` since, and wherever it is for
-``FRESH_S`` after it was seen: the same as in ``analysis/sight``.
+A thing is known where it was seen, as long as it has moved by less than ``MOVED_M`` since, and wherever it is
+for ``FRESH_S`` after it was seen: the same as in ``analysis/sight``.
 """
 
 import warp as wp
@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _distance(slots: Slots, world: int, slot: int, x: float, y: float) -> float:
+def distance_to(slots: Slots, world: int, slot: int, x: float, y: float) -> float:
     """Horizontal distance of a point from a slot's box, or from a cylinder [m]; 0 inside."""
     offset = wp.vec3(x, y, 0.0) - slots.pos[world, slot]
     yaw = slots.yaw[world, slot]
@@ -62,7 +62,7 @@ def _notice(
     gain = float(0.0)
     for slot in range(noticed.shape[1]):
         if slots.active[world, slot] and not is_wall[slot] and not noticed[world, slot]:
-            if _distance(slots, world, slot, qpos[world, 0], qpos[world, 1]) < near:
+            if distance_to(slots, world, slot, qpos[world, 0], qpos[world, 1]) < near:
                 noticed[world, slot] = True
                 gain += wp.where(is_known(memory, slots, world, slot, fresh), 1.0, -1.0)
     gain_out[world] = gain
@@ -86,7 +86,7 @@ def notice(
     noticed: wp.array,
     gain_out: wp.array,
 ) -> None:
-    """Count the things that come near for the first time, those that are known and those that are not; graph-safe.
+    """Count the things that come near for the first time, known ones for and others against; graph-safe.
 
     Args:
         slots: Walls and things.

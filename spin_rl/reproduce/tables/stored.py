@@ -39,8 +39,7 @@ class Measured:
     def rows(self, cell: Cell | None = None) -> list[list[Mapping[str, Any]]]:
         """Rows of a cell of the reach benchmark, or of all, of each training."""
         return [
-            [row for row in result["result"]["rows"] if cell in (None, (row["scenario"], row["difficulty"]))]
-            for result in self.results
+            [row for row in result["result"]["rows"] if cell in (None, _cell(row))] for result in self.results
         ]
 
     def rate(self, *cells: Cell) -> Rate:
@@ -66,7 +65,12 @@ class Measured:
 
     def _of(self, cells: tuple[Cell, ...]) -> Iterator[list[Mapping[str, Any]]]:
         for rows in self.rows():
-            yield [row for row in rows if not cells or (row["scenario"], row["difficulty"]) in cells]
+            yield [row for row in rows if not cells or _cell(row) in cells]
+
+
+def _cell(row: Mapping[str, Any]) -> tuple[Any, Any]:
+    """The cell of a row of the reach benchmark, nothing of the others."""
+    return row.get("scenario"), row.get("difficulty")
 
 
 @dataclass
@@ -125,8 +129,8 @@ class Stored:
         return stored
 
 
-def budget_note(methods: list[Measured]) -> str:
-    """Say what trainings had alike: samples, time, processes, machines and code."""
+def budget_note(methods: list[Measured], how: str = "trained from scratch") -> str:
+    """Say what trainings had alike: samples, time, processes, machines and code; `how` they were trained."""
     trainings = [training for method in methods for training in method.trainings]
     whole = [_whole(training) for training in trainings]
     steps = sorted({round(facts["env_steps"] / 1e6, 1) for facts in whole})
@@ -136,7 +140,7 @@ def budget_note(methods: list[Measured]) -> str:
     commits = sorted({commit for training in trainings for commit in training["commits"] if commit})
     seeds = sorted({training["seed"] for training in trainings})
     return (
-        f"trained from scratch for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
+        f"{how} for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
         f"{_span(processes)} processes, {'; '.join(machines)}, seeds {_listed(seeds)}, "
         f"commits {_listed(commits)}"
     )

@@ -61,14 +61,16 @@ class NavConfig(CorridorConfig):
     Attributes:
         camera_action: What the camera's two actions say: "target", where the head goes, or "rate", how fast
             its target moves, 1 being the head's largest speed.
-        camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then [s];
-            None lets it move. `camera_pose` goes before both.
+        camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then
+            [s]; None lets it move. `camera_pose` goes before both.
+        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate. Not with
+            camera actions that are rates.
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
-        information_m: Distance from the base at which the reward term `information` asks whether a thing had
-            been seen [m].
+        information_m: Distance from the base at which the reward term `information` asks whether a thing
+            had been seen [m].
         scene: Parameters of the layout generator.
         noise: Sensor noise.
         map: A noisy map as an observation group (paper, baseline Mapping).
@@ -79,6 +81,7 @@ class NavConfig(CorridorConfig):
 
     camera_action: Annotated[str, Choice(CAMERA_ACTIONS)] = "target"
     camera_frozen_after_s: float | None = None
+    teach_gaze: bool = False
     stop_on_collision: bool = True
     slack_s: float = 10.0
     slowness: float = 3.0
@@ -98,4 +101,6 @@ class NavConfig(CorridorConfig):
         """Reject impossible values with the key's name."""
         super().__post_init__()
         require_positive(self, "task", ("slowness",))
+        if self.teach_gaze and self.camera_action != "target":
+            raise ValueError(f"task.teach_gaze: needs camera_action=target, not {self.camera_action}")
         check_scales(self.reward, TERMS)

@@ -15,6 +15,7 @@ from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
 from spin_rl.sensors.awareness import Awareness
 from spin_rl.sensors.clearance import Clearance
+from spin_rl.sensors.gaze import Gaze
 from spin_rl.sensors.lidar import Lidar
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sensors.noisy_map import NoisyMap
@@ -116,13 +117,22 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
-        seen = self._make_memory(cfg)
+        seen = self._make_memory(cfg, observations)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
             seed,
             capture,
-            sensors=(self.scandots, seen, noisy_map, ahead, self.depth, self.lidar, self._odometry),
+            sensors=(
+                self.scandots,
+                seen,
+                noisy_map,
+                ahead,
+                self.depth,
+                self.lidar,
+                self._odometry,
+                self._gaze,
+            ),
             step_sensors=(self._clearance, self._awareness),
         )
 
@@ -163,14 +173,15 @@ class NavEnv(CorridorEnv):
             drawn = {"seed": self._seed, "episode": self._counter}
             self.lidar = Lidar(self.sim, cfg.lidar, **drawn)
             self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
-            observations.add_lidar(self.lidar, self._odometry)
+            observations.add(lidar=self.lidar.ranges, odometry=self._odometry.pose)
 
-    def _make_memory(self, cfg: NavConfig) -> SeenThings | None:
-        """Make the guard and the reward for information, and return what they remember things with."""
+    def _make_memory(self, cfg: NavConfig, observations: NavObservations) -> SeenThings | None:
+        """Make what goes by what the camera has shown, and return what remembers that."""
         self.guard: Guard | None = None
         self._awareness: Awareness | None = None
+        self._gaze: Gaze | None = None
         is_rewarded = "information" in self._reward_scales
-        if not (cfg.guard.enabled or is_rewarded):
+        if not (cfg.guard.enabled or is_rewarded or cfg.teach_gaze):
             return None
         sim, period = self.sim, cfg.sim.control_period
         max_age = round(cfg.guard.memory_s / period)
@@ -179,6 +190,10 @@ class NavEnv(CorridorEnv):
             self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
         if is_rewarded:
             self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
+        if cfg.teach_gaze:
+            window = cfg.scandots.window_m
+            self._gaze = Gaze(sim.layout, sim.data.qpos, sim.data.qvel, seen, window_m=window, period=period)
+            observations.add(gaze=self._gaze.gaze)
         return seen
 
     def _set_camera(self, action: torch.Tensor) -> None:

@@ -68,7 +68,7 @@ def clearance(step: NavTransition) -> torch.Tensor:
 
 
 def information(step: NavTransition) -> torch.Tensor:
-    """One for each thing that comes near and that the camera had shown before, minus one for each other thing.
+    """One for each thing that comes near and that the camera had shown before, minus one for each other.
 
     So what is seen counts when it comes to matter, and only what does: once an episode for each thing that
     comes nearer to the base than `task.information_m`. Walls are no things.

@@ -1,4 +1,4 @@
-"""What the camera does with its actions: a target, a rate, nothing after some time; and a camera that shows nothing."""
+"""What the camera does with its actions: a rate, or nothing after some time; and one that shows nothing."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ PERIOD = 0.1
 
 
 def drive(env, pan, tilt, steps):
-    """Give the same camera actions for some steps; returns the targets that were executed [rad], (steps, n, 2)."""
+    """Give the same camera actions for some steps; returns the targets [rad], shape (steps, n, 2)."""
     action = torch.zeros(env.num_envs, 10, device=env.device)
     action[:, -2], action[:, -1] = pan, tilt
     targets = []
