@@ -31,7 +31,7 @@ _ANALYSED = {
     "camera": ("reach", "rooms"),
     "failures": ("reach", "rooms", "scenes"),
     "behaviour": ("reach", "rooms", "scenes"),
-    "sight": ("reach", "rooms"),
+    "sight": ("reach", "rooms", "fetch"),
 }
 """The benchmarks that each analysis looks into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
@@ -287,6 +287,8 @@ def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -
 
     if policies.reads_images(source):
         raise ConfigError(f"policy: {options.policy} reads images; analysis=sight needs one that can be told")
+    if options.policy == MAP and options.benchmark.task == "fetch":
+        raise ConfigError(f"policy: {MAP} drives and picks nothing; a fetch needs a policy of task=nav")
     result = analysis.analyse_sight(
         options.benchmark,
         source.make,
@@ -295,7 +297,7 @@ def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -
         options.episodes,
         options.seeds,
         options.device,
-        policy_name=options.policy,
+        **{f"{key}_name": name for key, name in source.names.items()},
         num_envs=options.num_envs,
         announce=common.announced,
     )

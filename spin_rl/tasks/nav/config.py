@@ -63,8 +63,8 @@ class NavConfig(CorridorConfig):
             its target moves, 1 being the head's largest speed.
         camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then
             [s]; None lets it move. `camera_pose` goes before both.
-        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate. Not with
-            camera actions that are rates.
+        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate. Not
+            with camera actions that are rates.
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
