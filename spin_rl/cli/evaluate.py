@@ -297,7 +297,8 @@ def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -
         options.episodes,
         options.seeds,
         options.device,
-        **{f"{key}_name": name for key, name in source.names.items()},
+        policy_name=options.policy,
+        pick_name=source.names.get("pick"),
         num_envs=options.num_envs,
         announce=common.announced,
     )

@@ -1,5 +1,6 @@
 # pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportOperatorIssue=false
-# pyright: reportArgumentType=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false
+# pyright: reportAttributeAccessIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Which things come near the base in a step, and whether the camera had shown them before.
 

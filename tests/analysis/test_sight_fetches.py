@@ -1,4 +1,4 @@
-"""What constant poses would have shown in whole fetches: the object when it counts, obstacles while driving."""
+"""What constant poses would have shown in fetches: the object when it counts, obstacles while driving."""
 
 import numpy as np
 import pytest

@@ -113,7 +113,8 @@ def object_events(record: ObjectRecord, num_poses: int, options: SightOptions, p
         step = entered[:, world].argmax(axis=0)
         late = (step[:, None] - when) * period
         known = (late >= 0.0) & (late <= memory_s + 1e-9)
-        parts.append(judge.Events(world, step, bits[:, world].transpose(1, 0, 2) & known[..., None], worlds))
+        shows = bits[:, world].transpose(1, 0, 2) & known[..., None]
+        parts.append(judge.Events(world, step, shows, worlds))
     return judge.together(parts)
 
 

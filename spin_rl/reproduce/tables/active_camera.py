@@ -12,11 +12,14 @@ from spin_rl.benchmark.metrics import mean_interval
 from spin_rl.config import ConfigError
 from spin_rl.reproduce.plan import Training
 from spin_rl.reproduce.state import read_result
+from spin_rl.reproduce.tables.rates import Rate, difference
 from spin_rl.reproduce.tables.stored import Measured, Stored, budget_note
 from spin_rl.reproduce.tables.table import Claim, Table
 
 KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
 """Kinds of results: of trainings, of the freeze test, of the screening."""
+FETCH = "active_camera_fetch"
+"""Kind of results of whole fetches by shipped policies, one with the camera free and others with it held."""
 LEARN, LEARN_IN = "learn", "shuttle"
 """The group of trainings that learn in other ways, and the one whose free camera they are compared with."""
 WANTED = 0.15
@@ -68,6 +71,10 @@ def active_camera(stored: Stored) -> Table:
             frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
             rows.append(_frozen_row(group, frozen))
             notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
+    fetches = _fetch_rows(stored)
+    rows += fetches
+    if fetches:
+        notes.append(_bound("fetch", stored.result(f"{SIGHT}/fetch")))
     return Table(
         "active_camera",
         "A camera that moves against constant poses that were trained in",
@@ -79,7 +86,7 @@ def active_camera(stored: Stored) -> Table:
             *notes,
             budget_note(every, "trained"),
             "free less this: difference of the success in the same scenes, mean of the trainings; 95 %, by a "
-            "bootstrap over scenes",
+            "bootstrap over scenes; of fetches by Newcombe's method",
         ),
     )
 
@@ -98,6 +105,34 @@ def _groups(stored: Stored) -> dict[str, list[str]]:
             begun.add(step.group)
     chosen = {group: list(dict.fromkeys(found)) for group, found in names.items()}
     return {group: found for group, found in chosen.items() if group in begun} or dict([*chosen.items()][:1])
+
+
+def _fetch_rows(stored: Stored) -> list[tuple[str, ...]]:
+    """Whole fetches of policies that were not trained for the pose, none where nobody has begun them."""
+    names = [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
+    if all(read_result(name) is None for name in names):
+        return []
+    free = Rate.of(stored.result(f"{FETCH}/free")["result"]["rows"])
+    lines = []
+    for name in names:
+        found = stored.result(name)["result"]
+        rate = Rate.of(found["rows"])
+        mean, low, high = difference(free, rate)
+        overall = found["overall"]
+        pose = found["camera_pose"]
+        lines.append(
+            (
+                "fetch, not trained so",
+                "free" if pose is None else f"held [{pose[0]:g},{pose[1]:g}]",
+                rate.text(),
+                "-",
+                f"{overall['collision_rate']:.2f}",
+                f"{overall['timeout_rate']:.2f}",
+                "-" if pose is None else f"{mean:+.2f} ({low:+.2f} to {high:+.2f})",
+                f"{found['policy']} + {found['pick']}",
+            )
+        )
+    return lines
 
 
 def _is_held(method: Measured) -> bool:
