@@ -45,11 +45,9 @@ def for_policy(
         "task.goal_range_m",
     ]
     sections = ["task.scandots", "task.map", "task.sight", "task.manipulation", "task.depth"]
-    sections += ["task.lidar", "task.odometry"]
+    sections += ["task.lidar", "task.odometry", "task.guard", "task.planner"]
     if OmegaConf.select(source, "task.depth.enabled"):
         sections.append("depth.filter")
-    else:  # the guard goes by scandots, which tell more than images do
-        sections.append("task.guard")
     for section in sections:
         keys += [f"{section}.{name}" for name in OmegaConf.select(source, section) or ()]
     if OBJECT in (OmegaConf.select(source, "runner.obs_groups.actor") or ()):

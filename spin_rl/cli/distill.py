@@ -154,8 +154,6 @@ def _configure(call: common.Call, options: Options, teacher: TrainedPolicy) -> d
 
     values = settings.for_policy(call.values, teacher.config, options.overrides)
     spec = find_task(values["task"]["name"])
-    if "guard" in values["task"]:  # it goes by scandots, which a student does not see
-        values["task"]["guard"] |= {"enabled": False}
     own = teacher.config.get("task", {}).get("name")
     check_task("teacher", teacher.name, own, spec.name, spec.name)
     runner = dict(values["runner"])

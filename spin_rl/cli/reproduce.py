@@ -15,8 +15,8 @@ from spin_rl.reproduce.listing import progress
 from spin_rl.reproduce.plan import read_steps
 from spin_rl.reproduce.run import Runner
 
-_MOST_PROCESSES = 2
-"""More than two processes give other batches than the measured ones; `processes=` still takes any number."""
+_MOST_JOBS = 2
+"""The plan's minutes are those of two at a time; `jobs=` takes any number."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Options:
     run: bool
     only: tuple[str, ...] | None
     minutes: Minutes | None
-    processes: Annotated[int, Range(1, 1024)] | None
+    jobs: Annotated[int, Range(1, 1024)] | None
     runs: Path
     plan: dict[str, Any]
 
@@ -45,13 +45,13 @@ def reproduce(call: common.Call) -> bool:
     options = read_options(call.values)
     steps = read_steps(options.plan, options.runs)
     chosen = steps.chosen(options.only)
-    processes = options.processes or min(num_cores(), _MOST_PROCESSES)
-    print(progress(steps, chosen, processes))
+    jobs = options.jobs or min(num_cores(), _MOST_JOBS)
+    print(progress(steps, chosen, jobs), flush=True)
     if not options.run:
         print("run=true runs what is missing")
         return False
-    whole = Runner(steps, processes, options.minutes).run(chosen)
-    print(progress(steps, chosen, processes))
+    whole = Runner(steps, jobs, options.minutes).run(chosen)
+    print(progress(steps, chosen, jobs))
     return not whole
 
 

@@ -92,6 +92,7 @@ class DistanceField:
         field: What kernels read with `field_at` of `spin_rl.warp_kernels.distance_field.field`. Its
             ``origin`` may be written per world before an update.
         grid: The cells.
+        near: With `beyond_m`, a cell of each world, row by row, to be written before an update, (nworld,).
         path_length: Lengths of the ways last traced [m], shape (nworld,); `UNREACHABLE` where there is none.
     """
 
@@ -103,6 +104,7 @@ class DistanceField:
         *,
         clearance_m: float = CLEARANCE_M,
         blocked_m: float | None = None,
+        beyond_m: float | None = None,
     ) -> None:
         """Allocate the buffers and keep references to the arrays that `update` reads.
 
@@ -116,6 +118,8 @@ class DistanceField:
                 reached from wherever the robot finds a way, and from more. With 0.16 m that agrees with the
                 lattice planner in 75 of 80 cluttered rooms (64 by default); with 0.25 m the planner found a
                 way wherever there is one here, and in 29 others.
+            beyond_m: With it, ways that are longer by so much than from the cells `near` may be left out;
+                None finds all.
 
         Raises:
             ValueError: `blocked_m` is less than the grid's or too many cells.
@@ -129,6 +133,7 @@ class DistanceField:
         if self._rings > MAX_RINGS:
             raise ValueError(f"cell_m must be at least {0.11 * blocked:.3f}, got {grid.cell_m}")
         self._clearance, self._blocked = max(clearance_m, blocked), blocked
+        self._beyond = beyond_m or 0.0
         self._obstacles = slots_of(slots)
         nworld = slots.pos.shape[0]
         shape = (nworld, grid.ny, grid.nx)
@@ -140,6 +145,7 @@ class DistanceField:
             self.field.goal = wp.zeros(nworld, dtype=wp.vec2)
             self._kinds = wp.zeros(shape, dtype=wp.int32)
             self._queue = wp.zeros((nworld, grid.ny * grid.nx), dtype=wp.int32)
+            self.near = wp.zeros(0 if beyond_m is None else nworld, dtype=wp.int32)
             self.path_length = wp.zeros(nworld, dtype=float)
             self._path = wp.zeros((nworld, 2 * (grid.nx + grid.ny)), dtype=wp.vec2)
             self._path_points = wp.zeros(nworld, dtype=wp.int32)
@@ -162,6 +168,8 @@ class DistanceField:
             clearance=self._clearance,
             blocked=self._blocked,
             rings=self._rings,
+            near=self.near,
+            beyond=self._beyond,
         )
 
     def trace(self, start: wp.array, mask: wp.array) -> None:

@@ -80,12 +80,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Plan:
-    """The file; `name` is its own, `processes` those of each training, None as many as the command has."""
+    """The file; `name` is its own."""
 
     budgets: dict[str, Any]
     groups: tuple[Any, ...]
     name: str = PAPER
-    processes: Annotated[int, Range(1, 1024)] | None = None
 
 
 @dataclass(frozen=True)
@@ -134,19 +133,11 @@ class Steps:
         by_name: The steps; what one needs comes before it.
         runs: Folder of the runs.
         plan: Name of the plan.
-        processes: Of each training; None leaves that to who runs it.
     """
 
     by_name: dict[str, Step]
     runs: Path = field(default=Path("runs/reproduce"))
     plan: str = PAPER
-    processes: int | None = None
-
-    def side_by_side(self, step: Step, processes: int) -> int:
-        """How many steps such as one may run at the same time in some processes."""
-        if isinstance(step, Evaluation):
-            return processes
-        return max(1, processes // (self.processes or processes))
 
     def run_dir(self, training: str) -> Path:
         """Folder of a training's run."""
@@ -203,7 +194,7 @@ def read_steps(values: Mapping[str, Any], runs: Path = Path("runs/reproduce")) -
             if step.name in steps:
                 raise ConfigError(f"{where}: {step.name} is there twice")
             steps[step.name] = step
-    result = Steps(steps, runs, plan.name, plan.processes)
+    result = Steps(steps, runs, plan.name)
     before: set[str] = set()
     for step in steps.values():
         for name in result.needs(step):

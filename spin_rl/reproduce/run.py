@@ -1,263 +1,238 @@
-"""Running the steps of the plan that are missing, in processes of their own."""
+"""Running the steps of the plan that are missing, some at a time, in processes of their own."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+from filelock import FileLock, Timeout
 
 from spin_rl.config import ConfigError
 from spin_rl.files import write_json
-from spin_rl.machine import commit, hardware
-from spin_rl.reproduce.curve import read_curve
-from spin_rl.reproduce.listing import duration
+from spin_rl.reproduce.child import Child, python, started
+from spin_rl.reproduce.estimate import duration, minutes_left, time_ahead
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
-from spin_rl.reproduce.state import (
-    command_of,
-    has_checkpoint,
-    is_done,
-    planned,
-    result_file,
-)
+from spin_rl.reproduce.record import note_call, stored
+from spin_rl.reproduce.state import has_checkpoint, is_done, result_file, state_of
+from spin_rl.runners.stop import StopRequest
 from spin_rl.tasks.common.compose import compose
 
-_TOOLS = {"train": "train", "eval": "evaluate", "bench": "bench"}
-"""Name of a command after `spin-` -> its module in spin_rl.cli."""
 _LEAST_MINUTES = 1.0
 """With less time left, no training starts."""
 _PATIENCE_S = 120.0
-"""What a process that was asked to end may take."""
+"""What a process that was asked to end may take; it may be compiling kernels."""
+_POLL_S = 0.2
+_REPORT_S = 180.0
+"""Time between lines that tell how far those that run are."""
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
 
 
 @dataclass
 class Runner:
-    """Runs steps: several evaluations at a time, and one training, or several of one process.
+    """Runs steps in their order, each when what it needs is done.
 
     Attributes:
         steps: All steps.
-        processes: All that run at a time.
+        jobs: Steps at a time.
         minutes: Limit of all together, or None.
         report: Receives lines of progress.
     """
 
     steps: Steps
-    processes: int
+    jobs: int
     minutes: float | None = None
-    report: Callable[[str], None] = print
+    report: Callable[[str], None] = _say
     _start: float = field(default_factory=time.monotonic)
+    _waiting: list[Step] = field(default_factory=list)
+    _running: list[Child] = field(default_factory=list)
+    _cut_off: list[str] = field(default_factory=list)
+    _failures: list[str] = field(default_factory=list)
 
     def run(self, chosen: Sequence[Step]) -> bool:
         """Run what is not done; return whether all of it is done now.
 
+        A step that fails holds up only those that need it.
+
         Raises:
-            ConfigError: A step failed; one line that names it and, if it has one, its log.
+            ConfigError: Steps failed; one line that names them and their logs.
             KeyboardInterrupt: The user asked for an end; what was running has saved.
         """
-        todo = [step for step in chosen if not is_done(self.steps, step)]
-        while todo:
-            count = self._number_side_by_side(todo)
-            batch, todo = todo[:count], todo[count:]
-            expected = max(step.minutes for step in batch)
-            left = self._minutes_left()
-            if left < (_LEAST_MINUTES if isinstance(batch[0], Training) else expected):
-                self.report(f"Stopped by minutes={self.minutes:g} before {batch[0].name}")
-                return False
-            ahead = sum(
-                step.minutes / self.steps.side_by_side(step, self.processes) for step in (*batch, *todo)
-            )
-            self.report(
-                f"{', '.join(step.name for step in batch)}: about {expected:.0f} min; "
-                f"about {duration(ahead)} for all that is left"
-            )
-            start = time.monotonic()
-            if isinstance(batch[0], Training):
-                self._train([step for step in batch if isinstance(step, Training)], left)
-                cut_off = [step.name for step in batch if not is_done(self.steps, step)]
-                if cut_off:
-                    self.report(f"Stopped by minutes={self.minutes:g} in {', '.join(cut_off)}")
-                    return False
-            else:
-                self._measure([step for step in batch if isinstance(step, Evaluation)])
-            self.report(f"  done after {(time.monotonic() - start) / 60:.1f} min")
-        return True
-
-    def _number_side_by_side(self, todo: Sequence[Step]) -> int:
-        """How many of the next steps run together: as many alike in a row as there are processes for."""
-        most = min(self.steps.side_by_side(todo[0], self.processes), len(todo))
-        count = 1
-        while count < most and type(todo[count]) is type(todo[0]):
-            if {step.name for step in todo[:count]} & set(self.steps.needs(todo[count])):
-                break
-            count += 1
-        return count
+        return self._work([step for step in chosen if not is_done(self.steps, step)])
 
     def measure_again(self, chosen: Sequence[Evaluation]) -> None:
         """Run evaluations whose results are there already.
 
         Raises:
             ConfigError: One failed, or the run of a training is not there any more.
+            KeyboardInterrupt: The user asked for an end.
         """
         for step in chosen:
             for name in self.steps.needs(step):
                 if not has_checkpoint(self.steps.run_dir(name)):
                     raise ConfigError(f"fresh: {step.name} needs the run {self.steps.run_dir(name)}")
-        for first in range(0, len(chosen), self.processes):
-            batch = chosen[first : first + self.processes]
-            self.report(f"{', '.join(step.name for step in batch)}: about {batch[0].minutes:.0f} min")
-            self._measure(batch)
+        self._work(chosen, again=True)
+
+    def _work(self, todo: Sequence[Step], again: bool = False) -> bool:
+        self._waiting = list(todo)
+        next_report = time.monotonic() + _REPORT_S
+        with StopRequest("as soon as all that runs has saved") as stop, tempfile.TemporaryDirectory() as outs:
+            try:
+                while stop.name is None and self._minutes_left() > 0.0:
+                    self._fill(Path(outs), again)
+                    if not self._running:
+                        break
+                    time.sleep(_POLL_S)
+                    for child in [child for child in self._running if child.has_ended()]:
+                        self._finish(child)
+                    if time.monotonic() > next_report:
+                        next_report += _REPORT_S
+                        self._tell()
+            finally:
+                self._end_all()
+        if stop.name is not None:
+            raise KeyboardInterrupt
+        if self._failures:
+            raise ConfigError(f"run: {'; '.join(self._failures)}")
+        if self._cut_off or self._waiting:
+            where = f"in {', '.join(self._cut_off)}" if self._cut_off else f"before {self._waiting[0].name}"
+            self.report(f"Stopped by minutes={self.minutes:g} {where}")
+        return not (self._cut_off or self._waiting)
 
     def _minutes_left(self) -> float:
         gone = (time.monotonic() - self._start) / 60.0
         return math.inf if self.minutes is None else self.minutes - gone
 
-    def _train(self, batch: Sequence[Training], minutes_left: float) -> None:
-        """Start or resume trainings and wait for them; one alone writes to the terminal."""
-        count = self.steps.processes or self.processes
-        minutes = "null" if math.isinf(minutes_left) else f"{minutes_left:.2f}"
-        processes = []
-        for step in batch:
-            run_dir = self.steps.run_dir(step.name)
-            limits = [f"max_iterations={iterations(self.steps, step, count)}", f"max_minutes={minutes}"]
-            if has_checkpoint(run_dir):
-                arguments = [f"resume={run_dir}", *limits]
-            else:
-                arguments = [*self.steps.arguments(step), f"seed={step.seed}", f"run_dir={run_dir}", *limits]
-            note_call(run_dir, arguments)
-            log = None if len(batch) == 1 else self._log(step)
-            processes.append(_started(_python("train", arguments, count), log))
-        _wait(processes, [step.name if len(batch) == 1 else self._named(step) for step in batch])
+    def _fill(self, outs: Path, again: bool) -> None:
+        """Start steps as long as there is room."""
+        for step in list(self._waiting):
+            if len(self._running) >= self.jobs:
+                return
+            if step in self._waiting and self._may_start(step):
+                self._waiting.remove(step)
+                self._begin(step, outs, again)
 
-    def _log(self, step: Step) -> Path:
-        return self.steps.runs / "logs" / f"{step.name.replace('/', '-')}.log"
+    def _may_start(self, step: Step) -> bool:
+        open_steps = {other.name for other in (*self._waiting, *(child.step for child in self._running))}
+        least = _LEAST_MINUTES if isinstance(step, Training) else step.minutes
+        return self._minutes_left() >= least and open_steps.isdisjoint(self.steps.needs(step))
 
-    def _named(self, step: Step) -> str:
-        return f"{step.name} (see {self._log(step)})"
+    def _begin(self, step: Step, outs: Path, again: bool) -> None:
+        """Start a step, unless another call of the command has it or is done with it."""
+        log = self.steps.runs / "logs" / f"{step.name}.log"
+        log.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(log.with_suffix(".lock"))
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            self._fail(step, "is run by another call of spin-reproduce")
+            return
+        if not again and is_done(self.steps, step):
+            lock.release()
+            self.report(f"{step.name}: done by another call of spin-reproduce")
+            return
+        expected = minutes_left(self.steps, step)
+        out = outs / f"{step.name.replace('/', '-')}.json" if isinstance(step, Evaluation) else None
+        try:
+            command = self._command(step, out)
+        except ConfigError as error:
+            lock.release()
+            self._fail(step, str(error))
+            return
+        self._running.append(Child(step, started(command, log), log, lock, out))
+        self.report(f"{step.name}: about {expected:.0f} min; {log}")
 
-    def _measure(self, batch: Sequence[Evaluation]) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            outs = [Path(folder) / f"{i}.json" for i in range(len(batch))]
-            start = time.monotonic()
-            processes = []
-            for step, out in zip(batch, outs, strict=True):
-                arguments = [*self.steps.arguments(step), f"out={out}"]
-                processes.append(_started(_python(step.command, arguments), self._log(step)))
-            _wait(processes, [self._named(step) for step in batch])
-            minutes = (time.monotonic() - start) / 60.0
-            for step, out in zip(batch, outs, strict=True):
-                write_json(
-                    result_file(step.name), stored(self.steps, step, json.loads(out.read_text()), minutes)
-                )
+    def _command(self, step: Step, out: Path | None) -> list[str]:
+        """Command line of a step; that of a training is noted beside its run.
+
+        Raises:
+            ConfigError: It cannot be run.
+        """
+        arguments = self.steps.arguments(step)
+        if isinstance(step, Evaluation):
+            return python(step.command, [*arguments, f"out={out}"])
+        run_dir = self.steps.run_dir(step.name)
+        if state_of(self.steps, step).status == "outdated":
+            raise ConfigError(f"has a run with other arguments than planned; move {run_dir} away")
+        arguments += [f"seed={step.seed}", f"run_dir={run_dir}"]
+        if has_checkpoint(run_dir):
+            arguments = [f"resume={run_dir}"]
+        # No limit of time: schedules of the learning would go by it. Its end comes from here.
+        arguments += [f"max_iterations={iterations(self.steps, step)}", "max_minutes=null"]
+        note_call(self.steps, step, arguments)
+        return python("train", arguments)
+
+    def _finish(self, child: Child, asked: bool = False) -> None:
+        """Take note of what a step that has ended leaves behind; `asked` if it was asked to end."""
+        self._running.remove(child)
+        step, status = child.step, child.process.returncode
+        whole = self._keep(step, child) if isinstance(step, Evaluation) else is_done(self.steps, step)
+        child.lock.release()
+        if whole:
+            success = state_of(self.steps, step).success
+            result = "" if success is None else f", success {success:.2f}"
+            self.report(f"{step.name}: done after {child.minutes:.1f} min{result}; {self._ahead()}")
+        elif asked:
+            self._cut_off.append(step.name)
+            self.report(f"{step.name}: ended after {child.minutes:.1f} min: {child.last_line()}")
+        else:
+            self._fail(step, f"ended with status {status}, see {child.log}: {child.last_line()}")
+
+    def _keep(self, step: Evaluation, child: Child) -> bool:
+        """Store what an evaluation has measured; False if it is not whole, as after a request to end."""
+        if child.process.returncode or child.out is None or not child.out.exists():
+            return False
+        result = json.loads(child.out.read_text())
+        if result.get("stopped"):
+            return False
+        write_json(result_file(step.name), stored(self.steps, step, result, child.minutes))
+        return True
+
+    def _ahead(self) -> str:
+        left = {
+            child.step.name: max(0.0, minutes_left(self.steps, child.step) - child.minutes)
+            for child in self._running
+        }
+        left |= {step.name: minutes_left(self.steps, step) for step in self._waiting}
+        return f"about {duration(time_ahead(self.steps, left, self.jobs))} for the {len(left)} that are left"
+
+    def _fail(self, step: Step, why: str) -> None:
+        """Give a step up, and those that need it."""
+        self._failures.append(f"{step.name} {why}")
+        given_up = {step.name}
+        for other in list(self._waiting):
+            if not given_up.isdisjoint(self.steps.needs(other)):
+                given_up.add(other.name)
+                self._waiting.remove(other)
+        self.report(f"{step.name} {why}")
+        if len(given_up) > 1:
+            self.report(f"  given up with it: {', '.join(sorted(given_up - {step.name}))}")
+
+    def _tell(self) -> None:
+        """Tell how far those that run are."""
+        for child in self._running:
+            if line := child.last_line():
+                self.report(f"  {child.step.name}: {line}")
+
+    def _end_all(self) -> None:
+        """Ask all that run to end, and wait for that."""
+        for child in self._running:
+            child.ask_to_end()
+        deadline = time.monotonic() + _PATIENCE_S
+        for child in list(self._running):
+            child.wait(max(0.0, deadline - time.monotonic()))
+        for child in list(self._running):
+            self._finish(child, asked=True)
 
 
-def iterations(steps: Steps, step: Training, processes: int) -> int:
+def iterations(steps: Steps, step: Training) -> int:
     """Iterations after which a training has its samples."""
     values = compose("train", steps.arguments(step))
-    per_iteration = values["num_envs"] * values["runner"]["num_steps_per_env"] * processes
-    return math.ceil(step.env_steps / per_iteration)
-
-
-def stored(steps: Steps, step: Evaluation, result: dict[str, Any], minutes: float) -> dict[str, Any]:
-    """Put a result together with what it was made of and where.
-
-    Args:
-        steps: All steps.
-        step: The one that it is of.
-        result: What the command wrote.
-        minutes: What it took.
-    """
-    trainings = [steps.by_name[name] for name in steps.needs(step)]
-    return {
-        "command": command_of(steps, step),
-        "step": planned(step),
-        "commit": commit(),
-        "hardware": hardware(result.get("device", "cpu")),
-        "minutes": round(minutes, 2),
-        "trainings": [describe(steps, training) for training in trainings if isinstance(training, Training)],
-        "result": result,
-    }
-
-
-def describe(steps: Steps, step: Training) -> dict[str, Any]:
-    """What a result tells of the training that made its policy: command, samples, time, machine and code."""
-    run_dir = steps.run_dir(step.name)
-    summary = json.loads((run_dir / "summary.json").read_text())
-    calls = [json.loads(line) for line in _calls_file(run_dir).read_text().splitlines()]
-    kept = ("env_steps", "minutes", "success_rate", "processes")
-    return {
-        **planned(step),
-        "command": command_of(steps, step),
-        **{key: summary[key] for key in kept},
-        "commits": list(dict.fromkeys(call["commit"] for call in calls)),
-        "hardware": calls[-1]["hardware"],
-        "curve": read_curve(run_dir),
-        "needs": [
-            describe(steps, other)
-            for other in (steps.by_name[name] for name in steps.needs(step))
-            if isinstance(other, Training)
-        ],
-    }
-
-
-def note_call(run_dir: Path, arguments: Sequence[str]) -> None:
-    """Add a line to the run's list of the calls that made it, with commit and machine."""
-    file = _calls_file(run_dir)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    call = {"arguments": list(arguments), "commit": commit(), "hardware": hardware("cpu")}
-    with open(file, "a") as lines:
-        lines.write(json.dumps(call) + "\n")
-
-
-def _calls_file(run_dir: Path) -> Path:
-    return run_dir / "calls.jsonl"
-
-
-def _python(tool: str, arguments: Sequence[str], processes: int = 1) -> list[str]:
-    launcher = ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={processes}"]
-    return [
-        sys.executable,
-        *(launcher if processes > 1 else []),
-        "-m",
-        f"spin_rl.cli.{_TOOLS[tool]}",
-        *arguments,
-    ]
-
-
-def _started(command: Sequence[str], log: Path | None = None) -> subprocess.Popen[bytes]:
-    """Start a process in a session of its own, so that it gets a Ctrl-C once, from us."""
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    if log is None:
-        return subprocess.Popen(command, env=environment, start_new_session=True)
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with open(log, "wb") as output:
-        return subprocess.Popen(
-            command, env=environment, start_new_session=True, stdout=output, stderr=subprocess.STDOUT
-        )
-
-
-def _wait(processes: Sequence[subprocess.Popen[bytes]], names: Sequence[str]) -> None:
-    """Wait until all have ended; on Ctrl-C or SIGTERM ask them to end and wait for that.
-
-    Raises:
-        ConfigError: One of them failed.
-    """
-    try:
-        codes = [process.wait() for process in processes]
-    except KeyboardInterrupt:
-        for process in processes:
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-        for process in processes:
-            process.wait(timeout=_PATIENCE_S)
-        raise
-    for code, name in zip(codes, names, strict=True):
-        if code:
-            raise ConfigError(f"run: {name} ended with status {code}")
+    return math.ceil(step.env_steps / (values["num_envs"] * values["runner"]["num_steps_per_env"]))

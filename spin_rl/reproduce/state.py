@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from spin_rl.paths import RESULT_DIR
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
+
+_KEPT = frozenset({"command", "step", "commit", "hardware", "minutes", "trainings", "result"})
+"""What every stored result has; see `record.stored`."""
 
 Status = Literal["done", "partial", "missing", "outdated"]
 
@@ -19,8 +22,8 @@ class State:
     """How far a step has come.
 
     Attributes:
-        status: "partial" is a training that was interrupted, "outdated" a result of something else than is
-            planned now.
+        status: "partial" is a training that was interrupted, "outdated" a run or a result of something else
+            than is planned now.
         minutes: What it took so far; None where that is not known.
         env_steps: Samples of a training so far.
         success: Success rate of a training at its end, of a result its mean over the rows.
@@ -39,7 +42,8 @@ def result_file(name: str) -> Path:
 
 def read_result(name: str) -> dict[str, Any] | None:
     """Return a stored result; None where there is none that can be read."""
-    return _read(result_file(name))
+    stored = _read(result_file(name))
+    return stored if stored is not None and _KEPT <= stored.keys() else None
 
 
 def state_of(steps: Steps, step: Step) -> State:
@@ -55,6 +59,17 @@ def is_done(steps: Steps, step: Step) -> bool:
 def has_checkpoint(run_dir: Path) -> bool:
     """Whether a run can go on."""
     return any((run_dir / "checkpoints").glob("*.pt"))
+
+
+def calls_file(run_dir: Path) -> Path:
+    """File of a run with a line for each call that made it."""
+    return run_dir / "calls.jsonl"
+
+
+def read_calls(run_dir: Path) -> list[dict[str, Any]]:
+    """The calls that made a run, in order; none where nothing was noted."""
+    file = calls_file(run_dir)
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
 def planned(step: Step) -> dict[str, Any]:
@@ -77,6 +92,8 @@ def command_of(steps: Steps, step: Step) -> str:
 def _of_training(steps: Steps, step: Training) -> State:
     run_dir = steps.run_dir(step.name)
     summary = _read(run_dir / "summary.json")
+    if (summary is not None or has_checkpoint(run_dir)) and not _is_planned(run_dir, step):
+        return State("outdated")
     if summary is not None:
         status = "done" if summary["env_steps"] >= step.env_steps else "partial"
         return State(status, summary["minutes"], summary["env_steps"], summary["success_rate"])
@@ -90,14 +107,18 @@ def _of_training(steps: Steps, step: Training) -> State:
     return State("done", kept.get("minutes"), kept.get("env_steps"), kept.get("success_rate"))
 
 
+def _is_planned(run_dir: Path, step: Training) -> bool:
+    """Whether a run was made with the arguments and the seed of the plan; with other samples it can go on."""
+    calls = read_calls(run_dir)
+    noted = calls[-1].get("step") if calls else None
+    return noted is None or _agrees(noted | {"planned_env_steps": step.env_steps}, step)
+
+
 def _of_evaluation(steps: Steps, step: Evaluation) -> State:
     stored = read_result(step.name)
     if stored is None:
         return State("missing")
-    known = {fact["name"]: fact for fact in stored["trainings"]}
-    same = _agrees(stored["step"], step) and all(
-        name in known and _agrees(known[name], steps.by_name[name]) for name in steps.needs(step)
-    )
+    same = _agrees(stored["step"], step) and _has_trainings(steps, step, stored["trainings"])
     rates = [row["success_rate"] for row in stored["result"].get("rows", ()) if "success_rate" in row]
     success = sum(rates) / len(rates) if rates else None
     return State("done" if same else "outdated", stored["minutes"], success=success)
@@ -105,6 +126,17 @@ def _of_evaluation(steps: Steps, step: Evaluation) -> State:
 
 def _agrees(kept: Mapping[str, Any], step: Step) -> bool:
     return {key: kept.get(key) for key in planned(step)} == planned(step)
+
+
+def _has_trainings(steps: Steps, step: Step, trainings: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether what a step needs, and what that needs, was trained as planned."""
+    known = {fact["name"]: fact for fact in trainings}
+    return all(
+        name in known
+        and _agrees(known[name], steps.by_name[name])
+        and _has_trainings(steps, steps.by_name[name], known[name]["needs"])
+        for name in steps.needs(step)
+    )
 
 
 def _trainings(step: Step) -> list[dict[str, Any]]:

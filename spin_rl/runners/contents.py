@@ -20,8 +20,8 @@ Counter = Annotated[int, Range(0, 10**15)]
 
 # What of a run's configuration is read again later; each is a mapping where it is there.
 _SECTIONS = (
-    *("task", "task.scandots", "task.map", "task.sight", "task.manipulation", "task.depth", "task.guard"),
-    *("task.lidar", "task.odometry"),
+    *("task", "task.scandots", "task.map", "task.sight", "task.manipulation", "task.depth"),
+    *("task.guard", "task.planner", "task.lidar", "task.odometry"),
     *("depth", "depth.filter", "robot", "runner", "runner.obs_groups", "runner.algorithm"),
 )
 

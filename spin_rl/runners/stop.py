@@ -82,7 +82,9 @@ class StopRequest:
     The end of torchrun is a request too: nobody else would end its processes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, when: str = "after this iteration") -> None:
+        """Take no requests yet; `when` tells the user when the end will come."""
+        self._when = when
         self._name: str | None = None
         self._time = 0.0
         self._previous: dict[int, Any] = {}
@@ -110,7 +112,7 @@ class StopRequest:
         now = time.monotonic()
         if self._name is None:
             self._name, self._time = signal.Signals(number).name, now
-            print(f"\n{self._name}: stopping after this iteration; again to stop at once.", flush=True)
+            print(f"\n{self._name}: stopping {self._when}; again to stop at once.", flush=True)
         elif now - self._time > SAME_REQUEST_S:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)

@@ -17,6 +17,7 @@ class SeenThings(Sensor):
 
     Attributes:
         memory: What was seen, a struct of arrays of shape (nworld, nslot).
+        obstacles: The slots that it was seen of, a struct.
     """
 
     def __init__(
@@ -31,7 +32,7 @@ class SeenThings(Sensor):
             scandots: The scandot sensor; updated before this one is.
             max_age: Steps after which what was not seen again is forgotten.
         """
-        self._obstacles = slots_of(obstacles)
+        self.obstacles = slots_of(obstacles)
         self._nearby = nearby
         self._qpos = qpos
         self._visible = scandots.visible
@@ -42,6 +43,7 @@ class SeenThings(Sensor):
                 setattr(self.memory, name, wp.zeros(shape, dtype=wp.vec3))
             self.memory.velocity = wp.zeros(shape, dtype=wp.vec2)
             self.memory.seen_at = wp.full(shape, -1, dtype=wp.int32)
+            self.memory.changed = wp.zeros(shape[0], dtype=bool)
             self.memory.step = wp.zeros(shape[0], dtype=wp.int32)
         self.memory.max_age = max_age
 
@@ -51,4 +53,4 @@ class SeenThings(Sensor):
 
     def update(self) -> None:
         """Take in what is seen now; graph-safe, and call it after the scandots'."""
-        memory.remember(self._obstacles, self._nearby, self._qpos, self._visible, self.memory)
+        memory.remember(self.obstacles, self._nearby, self._qpos, self._visible, self.memory)

@@ -174,7 +174,7 @@ class Simulation:
             self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
             follows = config.nearby < pool.num_slots
             self.nearby = Nearby(self.layout, self.mj_model, self.model, self.data) if follows else None
-            self._limits = drive_module.DriveLimits.create(profile, device)
+            self.limits = drive_module.DriveLimits.create(profile, device)
         self._manipulation = None
         self.increments = make_increments(IncrementConfig(), config.control_period, device)
         if manipulation is not None:
@@ -227,7 +227,7 @@ class Simulation:
         if self._manipulation is not None:
             self._manipulation.grasp.clear()
         set_targets(
-            self._limits,
+            self.limits,
             self.increments,
             mode=self.mode,
             speed_scale=self.dynamics.speed_scale,
@@ -238,7 +238,7 @@ class Simulation:
         )
         for _ in range(self.config.substeps):
             drive_module.drive(
-                self._limits,
+                self.limits,
                 self.config.timestep,
                 lag=self.dynamics.lag,
                 speed_scale=self.dynamics.speed_scale,
@@ -288,7 +288,7 @@ class Simulation:
         write_geoms(self.layout, self._scene_geoms, self._geoms, mask)
         mjw.reset_data(self.model, self.data, reset=mask)
         set_start_state(
-            self._limits,
+            self.limits,
             mask,
             start=self.layout.start,
             start_joints=self.layout.start_joints,

@@ -5,16 +5,23 @@
 
 What a token of visible scandots tells of a slot is kept as a box in the slot's frame, which grows while more
 of the slot is seen. A slot that was seen to move is remembered where it was seen last, with the velocity that
-two views of it tell. What was not seen for ``max_age`` steps is forgotten.
+two views of it tell. What was not seen for ``max_age`` steps is forgotten, what moves sooner.
 """
 
 import warp as wp
 
 from spin_rl.warp_kernels.geometry import MISS, rotate_yaw, rotate_yaw_inverse
-from spin_rl.warp_kernels.slots import Slots
+from spin_rl.warp_kernels.slots import Slots, put_slot
 
 _STILL_M = wp.constant(1.0e-3)
 """A slot that moved less than this since it was seen last has not moved [m, rad]."""
+
+_MOVING_AGE = wp.constant(100)
+"""Where a slot that moves may be is not known any more after so many steps."""
+_IN_VIEW = wp.constant(5)
+"""A slot that was seen so many steps ago counts as in view."""
+_NEWS_M = wp.constant(0.02)
+"""What is remembered has changed when a box has grown by this [m]."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,7 +32,8 @@ class Memory:
 
     ``low`` and ``high`` are opposite corners [m], ``pose`` is x, y and yaw of the slot when it was seen last
     [m, rad], ``velocity`` how fast it moved then [m per step], ``seen_at`` the step of that, negative where
-    there is nothing to remember. ``step`` (nworld,) counts updates.
+    there is nothing to remember. ``step`` (nworld,) counts updates; ``changed`` (nworld,) is set where
+    something new was seen, and cleared by who acts on it.
     """
 
     low: wp.array2d[wp.vec3]
@@ -34,6 +42,7 @@ class Memory:
     velocity: wp.array2d[wp.vec2]
     seen_at: wp.array2d[int]
     step: wp.array[int]
+    changed: wp.array[wp.bool]
     max_age: int
 
 
@@ -55,7 +64,12 @@ class Thing:
 def is_remembered(memory: Memory, world: int, slot: int) -> bool:
     """Whether a slot was seen, and not too long ago."""
     seen_at = memory.seen_at[world, slot]
-    return seen_at >= 0 and memory.step[world] - seen_at <= memory.max_age
+    if seen_at < 0:
+        return False
+    age = memory.step[world] - seen_at
+    if wp.length(memory.velocity[world, slot]) > 0.0 and age > _MOVING_AGE:
+        return False
+    return age <= memory.max_age
 
 
 @wp.func
@@ -80,6 +94,21 @@ def recall(memory: Memory, slots: Slots, world: int, slot: int, base: wp.vec3) -
     height = slots.pos[world, slot][2]  # nothing moves up or down
     thing.height = wp.vec2(height + low[2], height + high[2])
     return thing
+
+
+@wp.kernel
+def _recall_all(memory: Memory, slots: Slots, known_out: Slots):
+    world, slot = wp.tid()
+    known = is_remembered(memory, world, slot)
+    if known and wp.length(memory.velocity[world, slot]) > 0.0:
+        known = memory.step[world] - memory.seen_at[world, slot] <= _IN_VIEW
+    known_out.active[world, slot] = known
+    if known:
+        thing = recall(memory, slots, world, slot, wp.vec3(0.0, 0.0, 0.0))
+        height = thing.height
+        pos = wp.vec3(thing.place[0], thing.place[1], 0.5 * (height[0] + height[1]))
+        half = wp.vec3(thing.half[0], thing.half[1], 0.5 * (height[1] - height[0]))
+        put_slot(world, slot, pos, thing.place[2], half, known_out)
 
 
 @wp.kernel
@@ -130,14 +159,20 @@ def _remember(
         low = -high
     pose = wp.vec3(pos[0], pos[1], yaw)
     velocity = wp.vec2(0.0, 0.0)
-    if is_remembered(memory, world, slot):
+    is_news = not is_remembered(memory, world, slot)
+    if not is_news:
         moved = pose - memory.pose[world, slot]
-        if wp.length(moved) < _STILL_M:
+        is_news = wp.length(moved) >= _STILL_M
+        if not is_news:
+            grown = wp.max(memory.low[world, slot] - low, high - memory.high[world, slot])
+            is_news = wp.max(grown) > _NEWS_M
             low = wp.min(low, memory.low[world, slot])
             high = wp.max(high, memory.high[world, slot])
         else:
             steps = float(wp.max(memory.step[world] - memory.seen_at[world, slot], 1))
             velocity = wp.vec2(moved[0], moved[1]) / steps
+    if is_news:
+        memory.changed[world] = True
     memory.low[world, slot] = low
     memory.high[world, slot] = high
     memory.pose[world, slot] = pose
@@ -163,3 +198,20 @@ def remember(slots: Slots, nearby: wp.array, qpos: wp.array, visible: wp.array, 
     device = nearby.device
     wp.launch(_count, dim=nearby.shape[0], inputs=[memory], device=device)
     wp.launch(_remember, dim=nearby.shape, inputs=[slots, nearby, qpos, visible, memory], device=device)
+
+
+def recall_all(memory: Memory, slots: Slots, known_out: Slots) -> None:
+    """Put what is remembered where it is expected, what moves only while it is in view; graph-safe.
+
+    Args:
+        memory: What was seen.
+        slots: Walls and obstacles, for their heights.
+        known_out: Output, boxes in as many slots; inactive where nothing is remembered.
+    """
+    wp.launch(
+        _recall_all,
+        dim=memory.seen_at.shape,
+        inputs=[memory, slots],
+        outputs=[known_out],
+        device=memory.seen_at.device,
+    )

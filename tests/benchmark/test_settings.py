@@ -39,12 +39,13 @@ def test_evaluation_is_nominal(cfg):
     assert task.dynamics.base_lag_s == (0.15, 0.15) and task.dynamics.joint_lag_s == (0.1, 0.1)
 
 
-def test_the_guard_is_a_policys_own_unless_it_sees_images(cfg):
-    trained = {"task": {"guard": {"enabled": True, "margin_m": 0.03}}}
-    guard = settings.for_policy(cfg, trained, [])["task"]["guard"]
-    assert guard["enabled"] and guard["margin_m"] == 0.03
-    trained["task"]["depth"] = {"enabled": True}
-    assert not settings.for_policy(cfg, trained, [])["task"]["guard"]["enabled"]
+def test_guard_and_planner_are_a_policys_own_whatever_it_sees(cfg):
+    trained = {"task": {"guard": {"enabled": True, "margin_m": 0.03}, "planner": {"enabled": True}}}
+    for seen in ({}, {"depth": {"enabled": True}}):
+        task = settings.for_policy(cfg, {"task": trained["task"] | seen}, [])["task"]
+        assert task["guard"]["enabled"] and task["guard"]["margin_m"] == 0.03 and task["planner"]["enabled"]
+    alone = settings.for_policy(cfg, trained, ["task.planner.enabled=false"])["task"]
+    assert alone["guard"]["enabled"] and not alone["planner"]["enabled"]
 
 
 def test_how_far_a_goal_is_shown_is_the_policys_own(cfg):

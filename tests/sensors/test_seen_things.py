@@ -7,7 +7,8 @@ import pytest
 import warp as wp
 
 from spin_rl.sensors.memory import SeenThings
-from spin_rl.warp_kernels.memory import Memory, is_remembered
+from spin_rl.warp_kernels.memory import Memory, is_remembered, recall_all
+from spin_rl.warp_kernels.slots import slots_of
 
 WORLDS, MAX_AGE = 3, 5
 HALF = (0.4, 0.1, 0.5)
@@ -116,3 +117,61 @@ def test_a_thing_that_moves_is_where_it_was_seen_last_and_as_fast(place):
     np.testing.assert_allclose(place.box(), [(-0.4, -0.1, -0.5), (0.0, 0.1, 0.0)], atol=1e-5)
     place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.0))
     assert not memory.velocity.numpy().any()
+
+
+def test_news_are_told_once(place):
+    changed = place.seen.memory.changed
+    place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.0))
+    assert changed.numpy().all()
+    changed.zero_()
+    place.see((-0.4, -0.1, -0.5), (0.01, 0.1, 0.0))  # no more than a centimetre of it is new
+    assert not changed.numpy().any()
+    place.see((-0.4, -0.1, -0.5), (0.2, 0.1, 0.0))
+    assert changed.numpy().all()
+    changed.zero_()
+    place.pos[:, 0, 0] += 0.1
+    place.layout.pos.assign(place.pos)
+    place.see((-0.4, -0.1, -0.5), (0.2, 0.1, 0.0))
+    assert changed.numpy().all()
+
+
+def test_what_moves_is_forgotten_sooner(place):
+    place.seen.memory.max_age = 1000
+    place.see((-0.4, -0.1, -0.5), (0.4, 0.1, 0.5))
+    place.look_away(101)
+    assert place.remembered() == [True] * WORLDS
+    place.pos[:, 0, 0] += 0.1
+    place.layout.pos.assign(place.pos)
+    place.see((-0.4, -0.1, -0.5), (0.4, 0.1, 0.5))
+    place.look_away(100)
+    assert place.remembered() == [True] * WORLDS
+    place.look_away(1)
+    assert place.remembered() == [False] * WORLDS
+
+
+def test_all_that_is_remembered_is_recalled_as_slots(place):
+    known = SimpleNamespace(
+        pos=wp.zeros((WORLDS, 1), dtype=wp.vec3, device=place.device),
+        yaw=wp.zeros((WORLDS, 1), dtype=float, device=place.device),
+        half_size=wp.zeros((WORLDS, 1), dtype=wp.vec3, device=place.device),
+        active=wp.full((WORLDS, 1), True, dtype=wp.bool, device=place.device),
+        is_cylinder=wp.zeros(1, dtype=wp.bool, device=place.device),
+    )
+    slots = slots_of(known)
+    recall_all(place.seen.memory, place.seen.obstacles, slots)
+    assert not known.active.numpy().any()
+    place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.3))
+    recall_all(place.seen.memory, place.seen.obstacles, slots)
+    assert known.active.numpy().all()
+    np.testing.assert_allclose(known.half_size.numpy()[0, 0], (0.2, 0.1, 0.4), atol=1e-5)
+    middle = (2.0 - 0.2 * np.cos(0.3), 1.0 - 0.2 * np.sin(0.3), 0.4)
+    np.testing.assert_allclose(known.pos.numpy()[0, 0], middle, atol=1e-5)
+    np.testing.assert_allclose(known.yaw.numpy()[0, 0], 0.3, atol=1e-6)
+    # What moves counts as long as it is in view.
+    place.pos[:, 0, 0] += 0.1
+    place.layout.pos.assign(place.pos)
+    place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.3))
+    for steps, is_there in ((5, True), (1, False)):
+        place.look_away(steps)
+        recall_all(place.seen.memory, place.seen.obstacles, slots)
+        assert bool(known.active.numpy().all()) == is_there

@@ -154,6 +154,7 @@ class Ways:
             self.field.goal = wp.zeros(nworld, dtype=wp.vec2)
             self._kinds = wp.zeros(grids.shape, dtype=wp.int32)
             self._queue = wp.zeros((nworld, ny * nx), dtype=wp.int32)
+            self._everywhere = wp.zeros(0, dtype=wp.int32)
             self._length = wp.zeros(nworld, dtype=float)
             self._points = wp.zeros((nworld, _MOST_POINTS), dtype=wp.vec2)
             self._count = wp.zeros(nworld, dtype=wp.int32)
@@ -172,7 +173,15 @@ class Ways:
             field=self.field,
             kinds_out=self._kinds,
         )
-        spread_values(mask, self.field, kinds=self._kinds, queue=self._queue, rings=_RINGS)
+        spread_values(
+            mask,
+            self.field,
+            kinds=self._kinds,
+            queue=self._queue,
+            rings=_RINGS,
+            near=self._everywhere,
+            beyond=0.0,
+        )
 
     def lookahead(self, worlds: np.ndarray, poses: np.ndarray, way_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Follow the ways of some worlds for a piece.

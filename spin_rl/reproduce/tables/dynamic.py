@@ -7,7 +7,7 @@ from typing import Any
 
 from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC
 from spin_rl.reproduce.tables.rates import Rate
-from spin_rl.reproduce.tables.stored import Stored
+from spin_rl.reproduce.tables.stored import Stored, known
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 
 _POLICIES = {"nav-room": "SPIN", "nav-cvo": "SPIN", "classical": "Classical"}
@@ -52,7 +52,7 @@ def dynamic(stored: Stored) -> Table:
                     "paper_collisions": figure.collisions,
                 }
             )
-    commits = sorted({result["commit"] for result in results.values()})
+    commits = known(result["commit"] for result in results.values())
     machines = sorted({result["hardware"] for result in results.values()})
     return Table(
         "dynamic",
@@ -63,7 +63,7 @@ def dynamic(stored: Stored) -> Table:
         claims=tuple(_claim(found, obstacles) for obstacles in _OBSTACLES),
         notes=(
             "simulated counterparts of the paper's real places; an episode goes on after a collision",
-            f"intervals: 95 %, over episodes; {'; '.join(machines)}, commits {', '.join(commits)}",
+            f"intervals: 95 %, over episodes; {'; '.join(machines)}, commits {commits}",
         ),
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 from spin_rl.benchmark.tables.paper import PICK, PLACE
 from spin_rl.reproduce.tables.corridors import CELLS
 from spin_rl.reproduce.tables.rates import Rate
-from spin_rl.reproduce.tables.stored import Measured, Stored, budget_note
+from spin_rl.reproduce.tables.stored import Measured, Stored, budget_note, known
 from spin_rl.reproduce.tables.table import Table, compare
 
 _METHODS = {"NoPointNet": "nopointnet-1", "SPIN (DVO)": "dvo-1", "SPIN (CVO)": "cvo-1"}
@@ -71,6 +71,6 @@ def place(stored: Stored) -> Table:
             "reached the table, place: out of all fetches",
             "FixCam and Mapping have no row: a fetch moves the camera by itself and has no map",
             f"intervals: 95 %, over fetches; {first['hardware']}, "
-            f"commits {', '.join(sorted({kept['commit'] for kept in results.values()}))}",
+            f"commits {known(kept['commit'] for kept in results.values())}",
         ),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -137,12 +137,12 @@ def budget_note(methods: list[Measured], how: str = "trained from scratch") -> s
     minutes = sorted(facts["minutes"] for facts in whole)
     processes = sorted({training["processes"] for training in trainings})
     machines = sorted({training["hardware"] for training in trainings})
-    commits = sorted({commit for training in trainings for commit in training["commits"] if commit})
+    commits = known(commit for training in trainings for commit in training["commits"])
     seeds = sorted({training["seed"] for training in trainings})
     return (
         f"{how} for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
-        f"{_span(processes)} processes, {'; '.join(machines)}, seeds {_listed(seeds)}, "
-        f"commits {_listed(commits)}"
+        f"processes of each: {_span(processes)}, {'; '.join(machines)}, seeds {_listed(seeds)}, "
+        f"commits {commits}"
     )
 
 
@@ -151,12 +151,17 @@ def episodes_note(methods: list[Measured]) -> str:
     results = [result["result"] for method in methods for result in method.results]
     episodes = sorted({row["episodes"] for result in results for row in result["rows"]})
     seeds = sorted({seed for result in results for seed in result["seeds"]})
-    commits = sorted({result["commit"] for result in results if result["commit"]})
+    commits = known(result["commit"] for result in results)
     return (
         f"{_span(episodes)} episodes a cell and training, seeds {_listed(seeds)}, "
-        f"commits {_listed(commits)}; "
+        f"commits {commits}; "
         "intervals: 95 %, of all trainings of a row together, over corridors and not over trainings"
     )
+
+
+def known(commits: Iterable[str | None]) -> str:
+    """List the commits of the code; a copy that is no checkout knows none."""
+    return _listed(sorted({commit or "unknown" for commit in commits}))
 
 
 def _whole(training: Mapping[str, Any]) -> dict[str, float]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from spin_rl.config import Choice, Range
+from spin_rl.config import Choice, ConfigError, Range
+from spin_rl.planning.distance_field import GridSpec
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.lidar import LidarConfig
 from spin_rl.sensors.noisy_map import MapConfig
@@ -37,14 +38,14 @@ class GuardConfig:
         look_ahead_s: Time that a command is tried for before it brakes [s].
         margin_m: Distance that counts as a collision [m].
         lag_s: Time constant that the base is expected to have [s].
-        memory_s: Time after which what was not seen again is forgotten [s].
+        memory_s: Time after which what was not seen again is forgotten, what moves after 10 s at most [s].
     """
 
     enabled: bool = False
     look_ahead_s: Annotated[float, Range(0.0, 2.0, above=True)] = 0.5
     margin_m: Annotated[float, Range(0.0, 0.5)] = 0.01
     lag_s: float = 0.2
-    memory_s: float = 10.0
+    memory_s: float = 120.0
 
     def __post_init__(self) -> None:
         """Reject times that are none."""
@@ -52,6 +53,41 @@ class GuardConfig:
 
 
 CAMERA_ACTIONS = ("target", "rate")
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """A planner over what was seen: the policy gets a point of the way to the goal for the goal.
+
+    It needs the guard, which drives by its ways where the robot is stuck.
+
+    Attributes:
+        enabled: Whether there is one.
+        ahead_m: How far along the way the point is [m].
+        replan_s: Shortest time between plans in an episode [s].
+        stuck_s: Time without leaving a place after which a robot is stuck that the guard keeps from its
+            commands [s]; others are after twice the time.
+        clearance_m: Distance to obstacles from which a way costs no more than its length [m].
+        blocked_m: Distance below which no way leads through [m].
+        cell_m: Side of a cell of its map [m].
+        size_m: Side of its map, which lies around start and goal [m].
+    """
+
+    enabled: bool = False
+    ahead_m: Annotated[float, Range(0.3, 10.0)] = 2.0
+    replan_s: float = 0.5
+    stuck_s: float = 1.5
+    clearance_m: Annotated[float, Range(0.0, 2.0)] = 0.25
+    blocked_m: Annotated[float, Range(0.0, 1.0)] = 0.16
+    cell_m: Annotated[float, Range(0.02, 0.3)] = 0.12
+    size_m: Annotated[float, Range(2.0, 100.0)] = 15.36
+
+    def __post_init__(self) -> None:
+        """Reject times that are none, and distances that cells cannot tell."""
+        require_positive(self, "task.planner", ("replan_s", "stuck_s"))
+        least = GridSpec.square(self.size_m, self.cell_m).blocked_m
+        if self.blocked_m < least:
+            raise ConfigError(f"task.planner.blocked_m: must be at least {least:.3f} with these cells")
 
 
 @dataclass(frozen=True)
@@ -75,6 +111,7 @@ class NavConfig(CorridorConfig):
         noise: Sensor noise.
         map: A noisy map as an observation group (paper, baseline Mapping).
         guard: What keeps the base from driving into what was seen, whatever the policy asks for.
+        planner: What gives the policy points of the way through what was seen for its goal.
         lidar: A lidar on the base, with `odometry` as observation groups, for baselines.
         odometry: Errors of the odometry that comes with it.
     """
@@ -94,6 +131,7 @@ class NavConfig(CorridorConfig):
     noise: NavNoise = field(default_factory=NavNoise)
     map: MapConfig = field(default_factory=MapConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
 
@@ -103,4 +141,6 @@ class NavConfig(CorridorConfig):
         require_positive(self, "task", ("slowness",))
         if self.teach_gaze and self.camera_action != "target":
             raise ValueError(f"task.teach_gaze: needs camera_action=target, not {self.camera_action}")
+        if self.planner.enabled and not self.guard.enabled:
+            raise ConfigError("task.planner.enabled: the planner needs task.guard.enabled=true")
         check_scales(self.reward, TERMS)

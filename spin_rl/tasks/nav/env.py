@@ -30,6 +30,7 @@ from spin_rl.tasks.nav.camera import CameraActions
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.guard import Guard
 from spin_rl.tasks.nav.observations import NavObservations
+from spin_rl.tasks.nav.planner import Planner
 from spin_rl.tasks.nav.rewards import TERMS, NavTransition
 from spin_rl.tasks.nav.statistics import NavStatistics
 from spin_rl.tasks.nav.ways import WayAhead, corridor_ways, field_ways, most_steps
@@ -42,6 +43,7 @@ class NavEnv(CorridorEnv):
 
     Attributes:
         guard: What keeps the base from driving into what was seen; None if nothing does.
+        planner: What gives the policy points of the way for its goal; None if nothing does.
         most_steps: Control steps that the running episode may take, a view, shape (num_envs,), int32.
         lidar: The lidar, where the configuration enables it, else None.
         way_left: Way left to the goal in the running episode [m], a view, shape (num_envs,).
@@ -104,9 +106,10 @@ class NavEnv(CorridorEnv):
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         noisy_map = self._make_map(cfg)
+        seen = self._make_memory(cfg)
         observations = NavObservations(
             self.sim,
-            self.goal,
+            self.goal if self.planner is None else self.planner.subgoal,
             self.scandots,
             cfg.noise,
             seed,
@@ -117,21 +120,16 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
-        seen = self._make_memory(cfg, observations)
+        if self._gaze is not None:
+            observations.add(gaze=self._gaze.gaze)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
             seed,
             capture,
             sensors=(
-                self.scandots,
-                seen,
-                noisy_map,
-                ahead,
-                self.depth,
-                self.lidar,
-                self._odometry,
-                self._gaze,
+                *(self.scandots, seen, self.planner, noisy_map),
+                *(ahead, self.depth, self.lidar, self._odometry, self._gaze),
             ),
             step_sensors=(self._clearance, self._awareness),
         )
@@ -175,9 +173,10 @@ class NavEnv(CorridorEnv):
             self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
             observations.add(lidar=self.lidar.ranges, odometry=self._odometry.pose)
 
-    def _make_memory(self, cfg: NavConfig, observations: NavObservations) -> SeenThings | None:
+    def _make_memory(self, cfg: NavConfig) -> SeenThings | None:
         """Make what goes by what the camera has shown, and return what remembers that."""
         self.guard: Guard | None = None
+        self.planner: Planner | None = None
         self._awareness: Awareness | None = None
         self._gaze: Gaze | None = None
         is_rewarded = "information" in self._reward_scales
@@ -188,12 +187,14 @@ class NavEnv(CorridorEnv):
         seen = SeenThings(sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots, max_age)
         if cfg.guard.enabled:
             self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
+            if cfg.planner.enabled:
+                self.planner = Planner(seen, sim.data.qpos, self._goal, cfg.planner, period)
+                self.guard.add_recovery(self.planner.field, cfg.planner.stuck_s, self._episode_length)
         if is_rewarded:
             self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
         if cfg.teach_gaze:
             window = cfg.scandots.window_m
             self._gaze = Gaze(sim.layout, sim.data.qpos, sim.data.qvel, seen, window_m=window, period=period)
-            observations.add(gaze=self._gaze.gaze)
         return seen
 
     def _set_camera(self, action: torch.Tensor) -> None:

@@ -2,7 +2,7 @@
 # (to a type checker, a Warp struct is an object, not a class)
 """A guard between policy and base, by what the camera has seen; see ``spin_rl.warp_kernels.guard``."""
 
-from __future__ import annotations
+from typing import Any
 
 import torch
 import warp as wp
@@ -11,11 +11,39 @@ from spin_rl import robot
 from spin_rl.sensors.clearance import robot_shapes
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sim.simulation import Simulation
+from spin_rl.sim.targets import action_for, joint_position
 from spin_rl.tasks.nav.config import GuardConfig
-from spin_rl.warp_kernels import guard
+from spin_rl.warp_kernels.distance_field.field import Field
+from spin_rl.warp_kernels.guard import filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
 _HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
+
+
+_FIRST_HEAD = wp.constant(robot.JOINTS.index(robot.CAMERA_JOINTS[0]))
+
+
+@wp.kernel
+def _hold_arm(
+    # In
+    recovery_left: wp.array(dtype=wp.int32),
+    dof_joint: wp.array(dtype=wp.int32),
+    dof_share: wp.array(dtype=float),
+    joint_low: wp.array(dtype=float),
+    joint_default: wp.array(dtype=float),
+    joint_high: wp.array(dtype=float),
+    qpos: wp.array2d(dtype=float),
+    # Out
+    action_out: wp.array2d(dtype=float),
+) -> None:
+    """Keep the arm still where the guard drives by itself, for which the policy has no plan."""
+    w = wp.tid()
+    if recovery_left[w] > 0:
+        for joint in range(_FIRST_HEAD):
+            at = joint_position(w, joint, dof_joint, dof_share, qpos)
+            action_out[w, 2 + joint] = action_for(
+                at, joint_low[joint], joint_default[joint], joint_high[joint]
+            )
 
 
 class Guard:
@@ -43,12 +71,12 @@ class Guard:
         self._margin = cfg.margin_m
         shapes = robot_shapes(sim.mj_model, sim.device)
         names = [sim.mj_model.geom(int(geom)).name for geom in shapes.geom.numpy()]
-        self._shapes = guard.Shapes()
+        self._shapes = hulls.Shapes()
         self._shapes.geom = shapes.geom
         self._shapes.half_size = shapes.half_size
         self._shapes.radius = shapes.radius
         num_worlds, k = sim.layout.nearby.shape
-        self._things = guard.Things()
+        self._things = trial.Things()
         with wp.ScopedDevice(sim.device):
             self._shapes.hull = wp.array([_HULLS[name.partition("_")[0]] for name in names], dtype=wp.int32)
             self._things.place = wp.zeros((num_worlds, k), dtype=wp.vec3)
@@ -56,37 +84,77 @@ class Guard:
                 setattr(self._things, name, wp.zeros((num_worlds, k), dtype=wp.vec2))
             self._things.hit = wp.zeros((num_worlds, k), dtype=wp.int32)
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
-            self._low = wp.zeros((num_worlds, int(guard.NUM_HULLS)), dtype=wp.vec3)
+            self._low = wp.zeros((num_worlds, int(hulls.NUM_HULLS)), dtype=wp.vec3)
             self._high = wp.zeros_like(self._low)
             self._guarded = wp.zeros(num_worlds, dtype=bool)
         self.guarded: torch.Tensor = wp.to_torch(self._guarded)
-        self._drive = guard.Drive()
+        self._drive = trial.Drive()
         self._drive.forward = profile.forward_max
         self._drive.reverse = profile.reverse_max
         self._drive.turn = profile.turn_max
         self._drive.acceleration = profile.base_acceleration
         self._drive.turn_acceleration = profile.turn_acceleration
         self._drive.lag = cfg.lag_s
+        self._recovery: dict[str, Any] | None = None
+
+    def add_recovery(self, field: Field, stuck_s: float, episode_length: wp.array) -> None:
+        """Drive out by itself from now on where the robot is stuck.
+
+        Args:
+            field: Ways to the goal through what was seen.
+            stuck_s: Time after which a base that is kept from its commands in one place is stuck [s].
+            episode_length: Steps that the running episode has taken, shape (num_envs,), int32.
+        """
+        num_worlds = episode_length.shape[0]
+        state = recovery.Recovery()
+        with wp.ScopedDevice(self._sim.device):
+            for name in ("place", "command"):
+                setattr(state, name, wp.zeros(num_worlds, dtype=wp.vec2))
+            for name in ("stuck", "left", "hold"):
+                setattr(state, name, wp.zeros(num_worlds, dtype=wp.int32))
+        patience = max(round(stuck_s / self._sim.config.control_period), 1)
+        self._recovery = {
+            "field": field,
+            "patience": patience,
+            "episode_length": episode_length,
+            "recovery": state,
+        }
 
     def apply(self) -> None:
         """Look at the actions that the simulation is about to follow; graph-safe."""
         sim = self._sim
-        guard.measure_hulls(
+        hulls.measure_hulls(
             self._shapes, sim.data.geom_xpos, sim.data.geom_xmat, sim.data.qpos, self._low, self._high
         )
-        guard.guard(
+        common = {
+            "qpos": sim.data.qpos,
+            "velocity": sim.base_velocity,
+            "speed_scale": sim.dynamics.speed_scale,
+            "hull_low": self._low,
+            "hull_high": self._high,
+            "drive": self._drive,
+            "margin": self._margin,
+            "things": self._things,
+            "action": sim.action,
+        }
+        filter.guard(
             self._slots,
             sim.layout.nearby,
             self._memory,
-            qpos=sim.data.qpos,
-            velocity=sim.base_velocity,
-            speed_scale=sim.dynamics.speed_scale,
-            hull_low=self._low,
-            hull_high=self._high,
-            drive=self._drive,
+            **common,
             steps=self._steps,
-            margin=self._margin,
-            things=self._things,
-            action=sim.action,
             guarded_out=self._guarded,
         )
+        if self._recovery is not None:
+            recovery.recover(**common, **self._recovery, guarded=self._guarded)
+            limits = sim.limits
+            wp.launch(
+                _hold_arm,
+                dim=self._guarded.shape[0],
+                inputs=[
+                    *(self._recovery["recovery"].left, limits.dof_joint, limits.dof_share),
+                    *(limits.joint_low, limits.joint_default, limits.joint_high, sim.data.qpos),
+                ],
+                outputs=[sim.action],
+                device=sim.device,
+            )

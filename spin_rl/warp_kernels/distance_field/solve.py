@@ -64,8 +64,13 @@ def _spread(
     values: wp.array2d[float],
     kinds: wp.array2d[int],
     queues: wp.array2d[int],
+    near: wp.array[int],
+    beyond: float,
 ):
-    """Relax cells until nothing changes; the arrays have the cells of a world in one row."""
+    """Relax cells until nothing changes; the arrays have the cells of a world in one row.
+
+    Where ``near`` names a cell of a world, values ``beyond`` its own may be left out.
+    """
     world = wp.tid()
     if not mask[world]:
         return
@@ -94,6 +99,9 @@ def _spread(
             lowest = wp.min(lowest, mine)
             if waiting >= count:
                 threshold = lowest + _BAND * cell
+                if near.shape[0] > 0:
+                    if value[near[world]] + beyond < lowest:
+                        count = 0
                 waiting = 0
                 lowest = UNREACHABLE
             continue
@@ -158,7 +166,16 @@ def _extend(
                     kinds[world, row, column] = _EXTENDED + ring
 
 
-def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.array, rings: int) -> None:
+def spread_values(
+    mask: wp.array,
+    field: Field,
+    *,
+    kinds: wp.array,
+    queue: wp.array,
+    rings: int,
+    near: wp.array,
+    beyond: float,
+) -> None:
     """Spread the values that some cells have to all that ways lead to; graph-safe.
 
     Args:
@@ -167,6 +184,8 @@ def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.ar
         kinds: What each cell is, see ``cells``; changed, shape (nworld, ny, nx), int32.
         queue: Scratch, shape (nworld, ny * nx), int32.
         rings: As for `solve_distance_field`.
+        near: Likewise.
+        beyond: Likewise.
     """
     nworld, columns = kinds.shape[0], kinds.shape[2]
     lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
@@ -174,7 +193,16 @@ def spread_values(mask: wp.array, field: Field, *, kinds: wp.array, queue: wp.ar
     wp.launch(
         _spread,
         dim=nworld,
-        inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue],
+        inputs=[
+            mask,
+            columns,
+            field.cell,
+            field.values.reshape(flat),
+            kinds.reshape(flat),
+            queue,
+            near,
+            beyond,
+        ],
         device=mask.device,
     )
     for ring in range(rings):
@@ -199,6 +227,8 @@ def solve_distance_field(
     clearance: float,
     blocked: float,
     rings: int,
+    near: wp.array,
+    beyond: float,
 ) -> None:
     """Compute the fields of the masked worlds; graph-safe, the scalars are frozen by a capture.
 
@@ -214,6 +244,9 @@ def solve_distance_field(
         clearance: Nearer to obstacles a way costs 4 times its length [m].
         blocked: Nearer no way leads through [m]; at least half a cell, or ways lead through thin walls.
         rings: Cells from passable ones up to which the others get values, at most `MAX_RINGS`.
+        near: A cell of each world, row by row; ways that are longer than from there by more than ``beyond``
+            [m] may be left out. Shape (nworld,), int32, or (0,) to find all.
+        beyond: See `near`.
     """
     lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
     prepare_cells(
@@ -227,4 +260,4 @@ def solve_distance_field(
         blocked=blocked,
         lanes=lanes,
     )
-    spread_values(mask, field, kinds=kinds, queue=queue, rings=rings)
+    spread_values(mask, field, kinds=kinds, queue=queue, rings=rings, near=near, beyond=beyond)

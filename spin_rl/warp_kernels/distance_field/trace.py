@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _downhill(field: Field, world: int, at: wp.vec2) -> wp.vec2:
+def downhill(field: Field, world: int, at: wp.vec2) -> wp.vec2:
     """Direction of steepest descent."""
     reach = 0.5 * field.cell
     x = field_at(field, world, at[0] + reach, at[1]) - field_at(field, world, at[0] - reach, at[1])
@@ -23,7 +23,7 @@ def _downhill(field: Field, world: int, at: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def _lowest_near(field: Field, world: int, at: wp.vec2) -> wp.vec2:
+def lowest_near(field: Field, world: int, at: wp.vec2) -> wp.vec2:
     """Centre of the lowest of the 9 cells around a point."""
     rows = field.values.shape[1]
     columns = field.values.shape[2]
@@ -70,10 +70,10 @@ def _trace(
         to = goal
         arrived = straight <= _IN_SIGHT * field.cell and value <= straight + 0.1 * field.cell
         if not arrived:
-            to = at + field.cell * _downhill(field, world, at)
+            to = at + field.cell * downhill(field, world, at)
             lower = field_at(field, world, to[0], to[1])
             if lower > value - 0.5 * field.cell:  # over a ridge, or along a wall's cells
-                to = _lowest_near(field, world, at)
+                to = lowest_near(field, world, at)
                 lower = field_at(field, world, to[0], to[1])
             if lower >= value:
                 to = goal

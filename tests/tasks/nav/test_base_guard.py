@@ -10,7 +10,7 @@ from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.config import ScandotsConfig
 from spin_rl.tasks.nav.config import GuardConfig, NavConfig
-from spin_rl.warp_kernels.guard import _overlap
+from spin_rl.warp_kernels.guard.trial import overlap as _overlap
 from spin_rl.warp_kernels.memory import Thing
 
 BOX = PoolSpec().first_box

@@ -1,0 +1,192 @@
+# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
+# pyright: reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
+"""Commands tried: the base drives them in thought, among what is remembered.
+
+What a hull overlaps at the start already does not count for it: there the box says more than the robot is.
+Things go on as they were seen to move.
+"""
+
+import warp as wp
+
+from spin_rl.warp_kernels.guard.hulls import NUM_HULLS, Hulls, half_of, middle_of
+from spin_rl.warp_kernels.memory import Memory, Thing, is_remembered, recall
+from spin_rl.warp_kernels.slots import Slots
+
+REACH_M = wp.constant(1.6)
+"""Nothing farther from the base's origin is hit within the time that is looked ahead [m]."""
+
+_STEP_S = wp.constant(0.1)
+"""Time between poses that are tried, a control step [s]."""
+_BRAKE_STEPS = wp.constant(4)
+"""After these a base that brakes stands, nearly."""
+_LEVEL_M = wp.constant(0.01)
+"""What passes above or below a box at this distance touches it [m]."""
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Things:
+    """What is near, in the base frame: arrays (nworld, k) as in `Thing`; ``count`` are set.
+
+    ``hit`` has a bit for each hull that the thing overlaps already.
+    """
+
+    place: wp.array2d[wp.vec3]
+    drift: wp.array2d[wp.vec2]
+    half: wp.array2d[wp.vec2]
+    height: wp.array2d[wp.vec2]
+    hit: wp.array2d[int]
+    count: wp.array[int]
+
+
+@wp.struct
+class Drive:
+    """How the base follows commands: speed limits and accelerations [m, rad, s], and its lag [s]."""
+
+    forward: float
+    reverse: float
+    turn: float
+    acceleration: float
+    turn_acceleration: float
+    lag: float
+
+
+@wp.struct
+class Trial:
+    """All that commands are tried with."""
+
+    hulls: Hulls
+    things: Things
+    drive: Drive
+    margin: float
+
+
+@wp.struct
+class Motion:
+    """A base on its way: pose in the frame where it began, speeds, and whether it has hit anything."""
+
+    pose: wp.vec3
+    speed: wp.vec2
+    hit: bool
+
+
+@wp.func
+def overlap(centre: wp.vec2, yaw: float, half: wp.vec2, thing: Thing, margin: float) -> bool:
+    """Whether a rectangle on the floor comes nearer to a thing than a margin, by separating axes."""
+    dx = thing.place[0] - centre[0]
+    dy = thing.place[1] - centre[1]
+    turn = thing.place[2] - yaw
+    cos_turn = wp.abs(wp.cos(turn))
+    sin_turn = wp.abs(wp.sin(turn))
+    along = wp.abs(wp.cos(yaw) * dx + wp.sin(yaw) * dy)
+    aside = wp.abs(wp.cos(yaw) * dy - wp.sin(yaw) * dx)
+    if along > half[0] + cos_turn * thing.half[0] + sin_turn * thing.half[1] + margin:
+        return False
+    if aside > half[1] + sin_turn * thing.half[0] + cos_turn * thing.half[1] + margin:
+        return False
+    cos_thing = wp.cos(thing.place[2])
+    sin_thing = wp.sin(thing.place[2])
+    along = wp.abs(cos_thing * dx + sin_thing * dy)
+    aside = wp.abs(cos_thing * dy - sin_thing * dx)
+    if along > thing.half[0] + cos_turn * half[0] + sin_turn * half[1] + margin:
+        return False
+    return aside <= thing.half[1] + sin_turn * half[0] + cos_turn * half[1] + margin
+
+
+@wp.func
+def _hits(world: int, pose: wp.vec3, steps: float, trial: Trial) -> bool:
+    """Whether the robot at a pose in the present base frame, steps from now, touches what it does not now."""
+    cos_yaw = wp.cos(pose[2])
+    sin_yaw = wp.sin(pose[2])
+    for k in range(trial.things.count[world]):
+        hit = trial.things.hit[world, k]
+        height = trial.things.height[world, k]
+        drift = trial.things.drift[world, k]
+        thing = Thing()
+        thing.place = trial.things.place[world, k] + steps * wp.vec3(drift[0], drift[1], 0.0)
+        thing.half = trial.things.half[world, k]
+        for hull in range(NUM_HULLS):
+            is_level = height[0] < trial.hulls.high[hull, 2] + _LEVEL_M
+            is_level = is_level and height[1] > trial.hulls.low[hull, 2] - _LEVEL_M
+            if is_level and (hit & (1 << hull)) == 0:
+                middle = middle_of(trial.hulls, hull)
+                centre = wp.vec2(
+                    pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
+                    pose[1] + sin_yaw * middle[0] + cos_yaw * middle[1],
+                )
+                if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, trial.margin):
+                    return True
+    return False
+
+
+@wp.func
+def _follow(now: float, command: float, most: float, blend: float) -> float:
+    """A speed one step later: a first-order lag with a limit."""
+    return now + wp.clamp((command - now) * blend, -most, most)
+
+
+@wp.func
+def drive_on(world: int, motion: Motion, command: wp.vec2, first: int, steps: int, trial: Trial) -> Motion:
+    """Drive a command for some steps more; ``first`` were driven before."""
+    now = motion
+    blend = 1.0 - wp.exp(-_STEP_S / trial.drive.lag)
+    step = int(0)
+    while step < steps and not now.hit:
+        v = _follow(now.speed[0], command[0], trial.drive.acceleration * _STEP_S, blend)
+        w = _follow(now.speed[1], command[1], trial.drive.turn_acceleration * _STEP_S, blend)
+        turned = 0.5 * _STEP_S * (now.speed[1] + w)
+        driven = 0.5 * _STEP_S * (now.speed[0] + v)
+        yaw = now.pose[2] + 0.5 * turned
+        now.pose = wp.vec3(
+            now.pose[0] + driven * wp.cos(yaw), now.pose[1] + driven * wp.sin(yaw), now.pose[2] + turned
+        )
+        now.speed = wp.vec2(v, w)
+        step += 1
+        now.hit = _hits(world, now.pose, float(first + step), trial)
+    return now
+
+
+@wp.func
+def is_free(world: int, velocity: wp.vec2, command: wp.vec2, steps: int, trial: Trial) -> bool:
+    """Whether driving a command [m/s, rad/s] for some steps, then braking, hits nothing."""
+    start = Motion()
+    start.speed = velocity
+    driven = drive_on(world, start, command, 0, steps, trial)
+    return not drive_on(world, driven, wp.vec2(0.0, 0.0), steps, _BRAKE_STEPS, trial).hit
+
+
+@wp.func
+def gather(
+    slots: Slots,
+    nearby: wp.array2d[int],
+    memory: Memory,
+    world: int,
+    base: wp.vec3,
+    hulls: Hulls,
+    margin: float,
+    things: Things,
+):
+    """List what is remembered within reach, with the hulls that it overlaps already."""
+    count = int(0)
+    for token in range(nearby.shape[1]):
+        slot = nearby[world, token]
+        if slot < 0:
+            break
+        if is_remembered(memory, world, slot):
+            thing = recall(memory, slots, world, slot, base)
+            distance = wp.length(wp.vec2(thing.place[0], thing.place[1])) - wp.length(thing.half)
+            if distance < REACH_M:
+                hit = int(0)
+                for hull in range(NUM_HULLS):
+                    if overlap(middle_of(hulls, hull), 0.0, half_of(hulls, hull), thing, margin):
+                        hit = hit | (1 << hull)
+                things.place[world, count] = thing.place
+                things.drift[world, count] = thing.drift
+                things.half[world, count] = thing.half
+                things.height[world, count] = thing.height
+                things.hit[world, count] = hit
+                count += 1
+    things.count[world] = count
