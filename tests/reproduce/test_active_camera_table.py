@@ -119,6 +119,32 @@ def test_rows_margins_and_verdicts(steps):
         assert "behind" in write(made)
 
 
+def test_fetches_stand_below_once_they_are_measured(steps):
+    store_shuttle(steps, RATES)
+    for name, step in steps.by_name.items():
+        if name.startswith("active_camera_fetch/"):
+            held = "camera_pose" in " ".join(step.arguments)
+            row = {"episodes": 60, "success_rate": 0.5 if held else 0.9}
+            store(
+                steps,
+                name,
+                {
+                    "rows": [row],
+                    "overall": {"collision_rate": 0.1, "timeout_rate": 0.0},
+                    "camera_pose": [0.0, -0.55] if held else None,
+                    "policy": "nav-cvo",
+                    "pick": "pick-detector",
+                },
+            )
+    with pytest.raises(ConfigError, match="no result active_camera_sight/fetch"):
+        active_camera.active_camera(Stored(steps, "active_camera"))
+    store(steps, "active_camera_sight/fetch", SIGHT)
+    rows = active_camera.active_camera(Stored(steps, "active_camera")).rows[-4:]
+    assert [row[1] for row in rows] == ["free", *["held [0,-0.55]"] * 3]
+    # 54 and 30 of 60 by Newcombe's method; Wilson's intervals are 0.80-0.95 and 0.38-0.62.
+    assert rows[1][6] == "+0.40 (+0.24 to +0.53)"
+
+
 def test_scenes_are_paired_and_trainings_averaged():
     """Against the formula of a difference of means, and an interval that knows which scenes are hard."""
     rng = np.random.default_rng(1)

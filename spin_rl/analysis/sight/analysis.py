@@ -72,11 +72,14 @@ def analyse_sight(
     if is_map:
         cfg = replace(cfg, stop_on_collision=False, sim=replace(cfg.sim, kinematic=True))
     watches: list[Any] = []
-    make_watch = SightWatch if pick_name is None else FetchWatch
+    settings: dict[str, Any] = {"lead_s": options.lead_s, "near_m": options.near_m}
 
     def watch(env: Any, policy: Policy, seed: int) -> Policy:
-        driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
-        watches.append(make_watch(driver, env, poses, lead_s=options.lead_s, near_m=options.near_m))
+        if pick_name is not None:  # told of all obstacles, policies that learned to see them fetch nothing
+            watches.append(FetchWatch(policy, env, poses, **settings))
+        else:
+            driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
+            watches.append(SightWatch(driver, env, poses, **settings))
         return watches[-1]
 
     result = benchmark.evaluate(

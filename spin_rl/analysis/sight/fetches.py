@@ -91,7 +91,7 @@ class FetchWatch(SightWatch):
 
 
 def object_events(record: ObjectRecord, num_poses: int, options: SightOptions, period: float) -> judge.Events:
-    """When an object had to be seen: once until the robot stands at the table, and when the hand is before it.
+    """When an object had to be seen: by the time the robot stands at the table, and when the hand is there.
 
     Until the table, anything seen of it is remembered, since it stands there. When the pick begins the object
     must be in view, for as long as moving things are known (`fresh_s`). A fetch that did not come so far asks
