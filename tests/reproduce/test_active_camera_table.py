@@ -131,7 +131,7 @@ def test_fetches_stand_below_once_they_are_measured(steps):
                 {
                     "rows": [row],
                     "overall": {"collision_rate": 0.1, "timeout_rate": 0.0},
-                    "camera_pose": [0.0, -0.55] if held else None,
+                    "camera_pose": [0.0, -0.7] if held else None,
                     "policy": "nav-cvo",
                     "pick": "pick-detector",
                 },
@@ -140,7 +140,7 @@ def test_fetches_stand_below_once_they_are_measured(steps):
         active_camera.active_camera(Stored(steps, "active_camera"))
     store(steps, "active_camera_sight/fetch", SIGHT)
     rows = active_camera.active_camera(Stored(steps, "active_camera")).rows[-4:]
-    assert [row[1] for row in rows] == ["free", *["held [0,-0.55]"] * 3]
+    assert [row[1] for row in rows] == ["free", *["held [0,-0.7]"] * 3]
     # 54 and 30 of 60 by Newcombe's method; Wilson's intervals are 0.80-0.95 and 0.38-0.62.
     assert rows[1][6] == "+0.40 (+0.24 to +0.53)"
 
