@@ -161,7 +161,7 @@ def furnish(
     r = site.rectangles[rectangle]
     count = int(density * (r[2] - r[0]) * (r[3] - r[1]) + 0.5)
     for k in range(count):
-        piece = draw_piece(seed, k)
+        piece = draw_piece(seed, k, q.furniture_hanging_share)
         fits = site.first_box + now.boxes + piece.boxes <= site.first_cylinder
         fits = fits and site.first_cylinder + now.cylinders + piece.cylinders <= site.num_slots
         placed = bool(False)

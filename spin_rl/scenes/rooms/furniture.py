@@ -27,6 +27,9 @@ SMALL = wp.constant(10)
 _CHAIR_DEPTH = wp.constant(0.3)
 """How far chairs stand out from their table."""
 
+HANGING_SHARE = wp.constant(0.09)
+"""Share of pendants and beams in `_KINDS`."""
+
 vec11 = wp.types.vector(length=11, dtype=float)
 # Cumulative shares of the kinds, and how often a piece of a kind stands with its back to a wall.
 _KINDS = wp.constant(vec11(0.14, 0.27, 0.35, 0.42, 0.5, 0.58, 0.65, 0.7, 0.74, 0.79, 1.0))
@@ -69,10 +72,26 @@ def _draw_hanging(drawn: Piece, high: bool, u: float, v: float, thickness: wp.ve
 
 
 @wp.func
-def draw_piece(seed: int, index: int) -> Piece:
+def _with_share(u: float, hanging_share: float) -> float:
+    """Stretch a uniform draw so that what hangs in the room gets another share than in `_KINDS`."""
+    first = _KINDS[LAMP]
+    share = _KINDS[BEAM] - first
+    if hanging_share == HANGING_SHARE:
+        return u
+    scale = (1.0 - share) / (1.0 - hanging_share)
+    if u * scale < first:
+        return u * scale
+    v = u - first / scale
+    if v < hanging_share:
+        return first + v * share / hanging_share
+    return first + share + (v - hanging_share) * scale
+
+
+@wp.func
+def draw_piece(seed: int, index: int, hanging_share: float) -> Piece:
     """Draw kind and size of a piece."""
     state = wp.rand_init(seed, index)
-    u = wp.randf(state)
+    u = _with_share(wp.randf(state), hanging_share)
     at_wall = wp.randf(state)
     a = wp.randf(state)
     b = wp.randf(state)

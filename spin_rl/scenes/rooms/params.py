@@ -47,10 +47,12 @@ class FurnitureParams:
     Attributes:
         density: Pieces per square metre of floor, one draw per world; fewer where they do not fit.
         empty_share: Share of worlds without any.
+        hanging_share: Share of lamps and beams that hang in the room, half of them above the robot.
     """
 
     density: tuple[float, float] = (0.0, 1.2)
     empty_share: float = 0.1
+    hanging_share: float = 0.09
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ class FamilyStruct:
     close_share: float
     furniture_density: wp.vec2
     furniture_empty_share: float
+    furniture_hanging_share: float
     corridor_paper_share: float
     corridor_corners: wp.vec2i
     corridor_leg: wp.vec2

@@ -79,8 +79,8 @@ class PlannerConfig:
     stuck_s: float = 1.5
     clearance_m: Annotated[float, Range(0.0, 2.0)] = 0.25
     blocked_m: Annotated[float, Range(0.0, 1.0)] = 0.16
-    cell_m: Annotated[float, Range(0.02, 0.3)] = 0.12
-    size_m: Annotated[float, Range(2.0, 100.0)] = 15.36
+    cell_m: Annotated[float, Range(0.02, 0.3)] = 0.15
+    size_m: Annotated[float, Range(2.0, 100.0)] = 15.0
 
     def __post_init__(self) -> None:
         """Reject times that are none, and distances that cells cannot tell."""

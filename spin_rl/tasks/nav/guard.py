@@ -108,10 +108,11 @@ class Guard:
         num_worlds = episode_length.shape[0]
         state = recovery.Recovery()
         with wp.ScopedDevice(self._sim.device):
-            for name in ("place", "command"):
+            for name in ("place", "command", "then"):
                 setattr(state, name, wp.zeros(num_worlds, dtype=wp.vec2))
             for name in ("stuck", "left", "hold"):
                 setattr(state, name, wp.zeros(num_worlds, dtype=wp.int32))
+            state.has_then = wp.zeros(num_worlds, dtype=bool)
         patience = max(round(stuck_s / self._sim.config.control_period), 1)
         self._recovery = {
             "field": field,
@@ -133,7 +134,6 @@ class Guard:
             "hull_low": self._low,
             "hull_high": self._high,
             "drive": self._drive,
-            "margin": self._margin,
             "things": self._things,
             "action": sim.action,
         }
@@ -143,6 +143,7 @@ class Guard:
             self._memory,
             **common,
             steps=self._steps,
+            margin=self._margin,
             guarded_out=self._guarded,
         )
         if self._recovery is not None:

@@ -25,9 +25,7 @@ _TURN_COST = wp.constant(0.7)
 """How unlike a command another turning speed makes it, the forward speed counting 1."""
 _NONE = wp.constant(1.0e3)
 
-wp.set_module_options(
-    {"enable_backward": False, "max_unroll": 1}
-)  # unrolled, CUDA takes minutes to compile it
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})  # unrolled, CUDA takes minutes to compile
 
 
 @wp.func

@@ -22,18 +22,21 @@ _RECOVERY_STEPS = wp.constant(40)
 """Steps that a recovery takes."""
 _FIRST_STEPS = wp.constant(8)
 """Steps of the first command."""
+_BACK_STEPS = wp.constant(24)
+"""Steps of a first command that leads backwards, which is slow."""
 _SECOND_STEPS = wp.constant(10)
-_TURNS = wp.constant(5)
-"""Turning speeds that are tried, half the limit apart."""
+_TURNS = wp.constant(7)
+"""Turning speeds that are tried: none, and parts of the limit to either side."""
 _SLOW_M_S = wp.constant(0.3)
 """Speed that is tried ahead [m/s]."""
 _HEADING_M = wp.constant(0.3)
 """Way that turning by 1 rad is worth [m]."""
+_STAY_M = wp.constant(0.05)
+_STAY_RAD = wp.constant(0.2)
+"""Commands that move the base less than this, and turn it less, lead out of nothing."""
 _FAR = wp.constant(1.0e9)
 
-wp.set_module_options(
-    {"enable_backward": False, "max_unroll": 1}
-)  # unrolled, CUDA takes minutes to compile it
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})  # unrolled, CUDA takes minutes to compile
 
 
 @wp.struct
@@ -42,7 +45,7 @@ class Recovery:
 
     ``place`` is where the base was when it counted as moving last, ``stuck`` how many steps ago that was,
     twice for steps in which it was kept from what was asked for. ``left`` are steps of a recovery that are
-    left, ``hold`` those of its ``command`` [m/s, rad/s].
+    left, ``hold`` those of its ``command`` [m/s, rad/s], which ``then`` follows.
     """
 
     place: wp.array[wp.vec2]
@@ -50,6 +53,8 @@ class Recovery:
     left: wp.array[int]
     hold: wp.array[int]
     command: wp.array[wp.vec2]
+    then: wp.array[wp.vec2]
+    has_then: wp.array[wp.bool]
 
 
 @wp.func
@@ -66,28 +71,46 @@ def _left_to_go(world: int, pose: wp.vec3, base: wp.vec3, field: Field) -> float
 
 
 @wp.func
-def _way_out(world: int, now: wp.vec2, base: wp.vec3, limit: wp.vec3, trial: Trial, field: Field) -> wp.vec2:
-    """The first of two commands, one after the other, that hit nothing and end nearest to the goal."""
-    best = wp.vec2(0.0, 0.0)
+def _turn(index: int, limit: float) -> float:
+    """One of `_TURNS` turning speeds."""
+    side = index - _TURNS // 2
+    part = wp.where(wp.abs(side) == 1, 0.2, 0.5)
+    part = wp.where(wp.abs(side) == 3, 1.0, part)
+    return part * limit * wp.sign(float(side)) * wp.where(side == 0, 0.0, 1.0)
+
+
+@wp.func
+def _way_out(
+    world: int, now: wp.vec2, base: wp.vec3, limit: wp.vec3, trial: Trial, field: Field, recovery: Recovery
+) -> None:
+    """Set two commands, one after the other, that hit nothing and end nearest to the goal."""
+    recovery.command[world] = wp.vec2(0.0, 0.0)
+    recovery.then[world] = wp.vec2(0.0, 0.0)
+    recovery.hold[world] = _FIRST_STEPS
+    recovery.has_then[world] = False
     least = float(_FAR)
     slow = wp.min(limit[0], _SLOW_M_S)
     back = -wp.min(limit[1], BACK_M_S)
     start = Motion()
     start.speed = now
-    for i in range(3 * _TURNS):
+    for i in range(4 * _TURNS):
         v = wp.where(i // _TURNS == 0, slow, wp.where(i // _TURNS == 1, 0.0, back))
-        first = wp.vec2(v, 0.5 * limit[2] * float(i % _TURNS - 2))
-        middle = drive_on(world, start, first, 0, _FIRST_STEPS, trial)
+        first = wp.vec2(v, _turn(i % _TURNS, limit[2]))
+        steps = wp.where(i // _TURNS == 3, _BACK_STEPS, _FIRST_STEPS)
+        middle = drive_on(world, start, first, 0, steps, trial)
         if not middle.hit:
             for j in range(2 * _TURNS):
-                then = wp.vec2(wp.where(j // _TURNS == 0, slow, 0.0), 0.5 * limit[2] * float(j % _TURNS - 2))
-                end = drive_on(world, middle, then, _FIRST_STEPS, _SECOND_STEPS, trial)
-                if not end.hit:
+                then = wp.vec2(wp.where(j // _TURNS == 0, slow, 0.0), _turn(j % _TURNS, limit[2]))
+                end = drive_on(world, middle, then, steps, _SECOND_STEPS, trial)
+                moved = wp.length(wp.vec2(end.pose[0], end.pose[1])) > _STAY_M
+                if not end.hit and (moved or wp.abs(end.pose[2]) > _STAY_RAD):
                     cost = _left_to_go(world, end.pose, base, field)
                     if cost < least:
                         least = cost
-                        best = first
-    return best
+                        recovery.command[world] = first
+                        recovery.then[world] = then
+                        recovery.hold[world] = steps
+                        recovery.has_then[world] = True
 
 
 @wp.func
@@ -112,7 +135,6 @@ def _recover(
     hull_low: wp.array2d[wp.vec3],
     hull_high: wp.array2d[wp.vec3],
     drive: Drive,
-    margin: float,
     things: Things,
     field: Field,
     patience: int,
@@ -130,21 +152,25 @@ def _recover(
         recovery.stuck[world] = 0
         recovery.left[world] = _RECOVERY_STEPS
         recovery.hold[world] = 0
+        recovery.has_then[world] = False
     if recovery.left[world] == 0:
         return
-    recovery.left[world] = recovery.left[world] - 1
-    guarded[world] = True
     trial = Trial()
     trial.hulls = hulls_of(world, hull_low, hull_high)
     trial.drive = drive
     trial.things = things
-    trial.margin = margin
+    trial.margin = 0.0  # it drives slowly, and may have got into a place where a margin leaves no way
     limit = limits_of(drive, speed_scale[world])
     now = wp.vec2(velocity[world, 0], velocity[world, 1])
+    if recovery.hold[world] == 0 and recovery.has_then[world]:
+        recovery.command[world] = recovery.then[world]
+        recovery.hold[world] = _SECOND_STEPS
+        recovery.has_then[world] = False
     if recovery.hold[world] == 0 or not is_free(world, now, recovery.command[world], 2, trial):
-        recovery.command[world] = _way_out(world, now, base, limit, trial, field)
-        recovery.hold[world] = _FIRST_STEPS
+        _way_out(world, now, base, limit, trial, field, recovery)
     recovery.hold[world] = recovery.hold[world] - 1
+    recovery.left[world] = recovery.left[world] - 1
+    guarded[world] = True
     to = recovery.command[world]
     if not is_free(world, now, to, 1, trial):
         to = wp.vec2(0.0, 0.0)
@@ -160,7 +186,6 @@ def recover(
     hull_low: wp.array,
     hull_high: wp.array,
     drive: Drive,
-    margin: float,
     things: Things,
     field: Field,
     patience: int,
@@ -178,7 +203,6 @@ def recover(
         hull_low: Boxes around the robot, see `hulls.measure_hulls`.
         hull_high: Their highest corners.
         drive: How the base follows commands.
-        margin: Distance that counts as a hit [m].
         things: What is near, as the guard has gathered it.
         field: Ways to the goal through what was seen.
         patience: Steps after which a base that is kept from its commands in one place is stuck; others are
@@ -198,7 +222,6 @@ def recover(
             hull_low,
             hull_high,
             drive,
-            margin,
             things,
             field,
             patience,
