@@ -34,6 +34,7 @@ spin-deploy replay=<log>
   object       where the object to pick is, in the frame of the base [m]: [x,y,z]
   max_s        longest time [s], 60
   speed_scale  factor on all speeds, above 0 and at most 1, 1
+  pilot        false leaves out the guard and the planner that the policy was trained with, true
   log          <file.jsonl> to write, to be replayed later
   replay       <file.jsonl> runs what it holds through the policy again, which must give the same actions
 
@@ -51,6 +52,7 @@ class Options:
     object: tuple[float, float, float] | None = None
     max_s: Annotated[float, POSITIVE] = 60.0
     speed_scale: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
+    pilot: bool = True
     log: Path | None = None
     replay: Path | None = None
 
@@ -63,6 +65,7 @@ class _Facts:
     name: str
     sha256: str
     speed_scale: Annotated[float, Range(0.0, 1.0, above=True)]
+    pilot: bool = True
 
 
 def main() -> None:
@@ -116,7 +119,7 @@ def _value(text: str) -> Any:
 
 def _deploy(options: Options, settings: dict[str, Any]) -> int:
     assert options.policy is not None and options.backend is not None
-    agent = open_agent(options.policy, options.speed_scale)
+    agent = open_agent(options.policy, options.speed_scale, pilot=options.pilot)
     robot = open_backend(options.backend, settings, agent.contract)
     log = None
     try:
@@ -143,7 +146,7 @@ def _replay(options: Options) -> int:
     with whole(options.replay):
         facts = from_keys(_Facts, run.facts, "replay")
     path = options.policy or facts.policy
-    agent = open_agent(path, facts.speed_scale)
+    agent = open_agent(path, facts.speed_scale, pilot=facts.pilot)
     if agent.contract.name != facts.name:
         raise ConfigError(f"policy: {path} is {agent.contract.name}, and {options.replay} is of {facts.name}")
     if _digest(path) != facts.sha256:
@@ -165,6 +168,7 @@ def _facts(options: Options, settings: dict[str, Any], name: str) -> dict[str, A
         "name": name,
         "sha256": _digest(options.policy),
         "speed_scale": options.speed_scale,
+        "pilot": options.pilot,
         "options": {key: str(value) for key, value in asdict(options).items() if value is not None},
         "robot": pack(settings),
     }

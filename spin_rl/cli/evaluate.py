@@ -204,6 +204,7 @@ def _measure(options: Options, source: policies.PolicySource, task: TaskConfig) 
 
 def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], task: Any) -> dict[str, Any]:
     from spin_rl.benchmark.backend import again
+    from spin_rl.benchmark.backend.conditions import pilot_of
     from spin_rl.export.write import export_fetch, export_policy
     from spin_rl.runners.policy_file import read_policy
 
@@ -213,7 +214,7 @@ def _measure_again(options: Options, batched: Callable[..., dict[str, Any]], tas
             export_fetch(options.policy, options.pick, path, task)
         else:
             path /= "policy.onnx"
-            export_policy(read_policy(options.policy), path)
+            export_policy(read_policy(options.policy), path, pilot_of(task))
         return again.evaluate_again(
             batched,
             task,

@@ -1,4 +1,4 @@
-"""A policy with all that is between it and a robot: depth filter, observations, network, decoder."""
+"""A policy with all that is between it and a robot: depth filter, observations, network, pilot, decoder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from spin_rl.deploy.interface import Command, Connection, RobotState
 from spin_rl.deploy.kinematics import Kinematics
 from spin_rl.deploy.network import Network
 from spin_rl.deploy.observations import Observer, Situation, as_pixels, in_base, out_of_base
-from spin_rl.sensors.depth.robot import RobotDepthFilter
+from spin_rl.deploy.pilot.pilot import Pilot
+from spin_rl.sensors.depth.robot import RobotDepthFilter, resample_depth, upright
 
 ARRIVED = "arrived"
 _CAMERA_ACTIONS = [robot.ACTIONS.index(joint) for joint in robot.CAMERA_JOINTS]
@@ -28,7 +29,7 @@ class Inputs:
 
     Attributes:
         state: What the robot measures of itself.
-        depth: The depth image as `Agent.reduce` returned it; None for a policy that reads none.
+        depth: The depth image as `Agent.reduce` returned it; None where neither policy nor pilot reads any.
         told: Observation groups that others compute, by name, each of shape (1, size).
     """
 
@@ -42,10 +43,17 @@ class Agent:
 
     Attributes:
         contract: That of the policy.
+        pilot: What drives along; None where the policy drives alone.
     """
 
-    def __init__(self, network: Network, speed_scale: float = 1.0) -> None:
-        """Prepare everything; see `Decoder` for `speed_scale`."""
+    def __init__(self, network: Network, speed_scale: float = 1.0, *, pilot: bool = True) -> None:
+        """Prepare everything.
+
+        Args:
+            network: The policy.
+            speed_scale: See `Decoder`.
+            pilot: False leaves the pilot out that the policy may have been trained with.
+        """
         self.contract: Contract = network.contract
         self._network = network
         self._observer = Observer(self.contract)
@@ -56,13 +64,14 @@ class Agent:
         self._filter: RobotDepthFilter | None = None
         if camera.image is not None and config is not None:
             self._filter = RobotDepthFilter(config, camera.image, mount=camera.mount)
+        self.pilot = Pilot(self.contract, speed_scale) if pilot and self.contract.has_pilot else None
         down, across = (math.tan(math.radians(fov) / 2) for fov in camera.fov_deg)
         self._tan_half_fov = (down, across)
 
     @property
     def reads_images(self) -> bool:
-        """Whether the policy reads depth images."""
-        return self._filter is not None
+        """Whether policy or pilot read depth images."""
+        return self._filter is not None or self.pilot is not None
 
     @property
     def target(self) -> np.ndarray:
@@ -85,6 +94,9 @@ class Agent:
             self._filter.reset()
         self.hold(state)
         self.aim(goal, None if object_start_b is None else out_of_base(object_start_b, state.base))
+        if self.pilot is not None:
+            assert goal is not None
+            self.pilot.reset(state.base, goal)
 
     def aim(self, goal: np.ndarray | None, object_start: np.ndarray | None) -> None:
         """Set goal and place of the object at the start, both in the frame of the odometry [m]."""
@@ -95,18 +107,24 @@ class Agent:
         self._last_action = self._with_fixed_camera(self._decoder.holding(state.joints))
 
     def reduce(self, image: np.ndarray) -> np.ndarray:
-        """Turn a camera's own image upright and reduce it; see `RobotDepthFilter.reduce`."""
-        assert self._filter is not None
-        return self._filter.reduce(image)
+        """Turn a camera's own image upright and reduce it; see `resample_depth`."""
+        camera = self.contract.camera
+        assert camera.image is not None
+        return resample_depth(upright(image, camera.mount), *camera.image)
 
     def observe(self, inputs: Inputs) -> dict[str, np.ndarray]:
-        """Return the policy's groups, each of shape (1, size); once in a step, since it filters the image."""
+        """Return the policy's groups, each of shape (1, size); once in a step: it takes in the image."""
+        goal = self._goal
+        if self.pilot is not None:
+            assert inputs.depth is not None
+            self.pilot.see(inputs.depth, inputs.state.joints, inputs.state.base)
+            goal = self.pilot.subgoal(inputs.state.base)
         now = Situation(
             state=inputs.state,
             frames=self._kinematics(inputs.state.joints),
             last_action=self._last_action,
             target=self._decoder.target,
-            goal=self._goal,
+            goal=goal,
             object_start_b=None if self._object is None else in_base(self._object, inputs.state.base),
             tan_half_fov=self._tan_half_fov,
             goal_range_m=None if self.contract.goal is None else self.contract.goal.range_m,
@@ -126,8 +144,11 @@ class Agent:
         return self.follow(self.decide(inputs), inputs.state)
 
     def decide(self, inputs: Inputs) -> np.ndarray:
-        """Return the network's action of one step, shape (10,), not clipped."""
-        return self._with_fixed_camera(self._network(self.observe(inputs)))
+        """Return the network's action of one step, as the pilot lets it pass, shape (10,), not clipped."""
+        action = self._with_fixed_camera(self._network(self.observe(inputs)))
+        if self.pilot is None or not np.isfinite(action).all():
+            return action
+        return self.pilot.steer(action, inputs.state)
 
     def follow(self, action: np.ndarray, state: RobotState) -> tuple[np.ndarray, Command]:
         """Return an action as it is used, shape (10,), and its command.

@@ -14,6 +14,7 @@ from typing import Annotated
 
 from spin_rl import robot
 from spin_rl.config import POSITIVE, Choice, ConfigError, Range, Text, from_mapping
+from spin_rl.deploy.pilot.settings import Guard, Planner, Shape
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 
 FORMAT = 1
@@ -117,7 +118,7 @@ class Camera:
     Attributes:
         mount: "portrait": the camera's own image lies on its side, its right edge down. "landscape": upright.
         fov_deg: Field of view of the upright image, up and down, and across.
-        image: Rows and columns of the policy's upright image; None if it reads none.
+        image: Rows and columns of the upright image that the policy or its pilot reads; None if none does.
         focal_px: Focal lengths of that image along rows and columns [pixels].
         range_m: Depths that the policy sees as 0 and 255; holes read 255.
         pose: Head pan and tilt [rad] at which it was frozen; None where the policy moves it.
@@ -197,6 +198,9 @@ class Contract:
         training: How it was trained: command, hardware, samples and ranges of the dynamics.
         parity: The error against the original in the check at the export.
         model_card: What was measured, as text.
+        guard: What the base is guarded with; None for policies of other tasks than driving.
+        planner: What plans its ways; likewise.
+        shapes: The robot's collision geoms, where guard or planner are on.
     """
 
     format: int
@@ -221,6 +225,9 @@ class Contract:
     training: dict
     parity: dict
     model_card: Annotated[str, Text()]
+    guard: Guard | None = None
+    planner: Planner | None = None
+    shapes: tuple[Shape, ...] = ()
 
     def __post_init__(self) -> None:
         """Reject what does not fit this program or itself."""
@@ -228,6 +235,20 @@ class Contract:
             raise ValueError("joint_names, action_names: not those of this program's robot")
         if self.observation_names != tuple(group.name for group in self.observations):
             raise ValueError("observation_names: not those of observations")
+        if self.has_pilot and not (self.shapes and self.goal is not None and self.camera.image is not None):
+            raise ValueError("guard, planner: need shapes, a goal and the size of the camera's image")
+        if self.has_planner and not self.has_pilot:
+            raise ValueError("planner: needs the guard")
+
+    @property
+    def has_pilot(self) -> bool:
+        """Whether it drives behind a guard, with or without a planner."""
+        return self.guard is not None and self.guard.enabled
+
+    @property
+    def has_planner(self) -> bool:
+        """Whether it drives by the ways of a planner."""
+        return self.planner is not None and self.planner.enabled
 
     @property
     def period_s(self) -> float:
@@ -255,8 +276,9 @@ def read_metadata(metadata: Mapping[str, str], name: str) -> Contract:
     Raises:
         ConfigError: It was not exported by this program, or by a version that this one does not know.
     """
-    fields = [field.name for field in dataclasses.fields(Contract)]
-    missing = [field for field in fields if field not in metadata]
+    known = dataclasses.fields(Contract)
+    missing = [f.name for f in known if f.name not in metadata and f.default is dataclasses.MISSING]
+    fields = [f.name for f in known if f.name in metadata]
     if missing:
         raise ConfigError(f"{name}: no policy exported by spin-export, its metadata lacks {missing[0]!r}")
     try:

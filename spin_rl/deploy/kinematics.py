@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class _Body:
+    name: str
     parent: int
     pos: np.ndarray
     mat: np.ndarray
@@ -44,12 +46,12 @@ class _Body:
 
 
 class Kinematics:
-    """Frames of the robot's sites, which have the names of the official URDF's links."""
+    """Frames of the robot's bodies, and of its sites, which have the names of the official URDF's links."""
 
     def __init__(self, path: Path = ROBOT_XML) -> None:
         """Read bodies, joints and sites of an MJCF whose root body is the base."""
         self._bodies: list[_Body] = []
-        self._sites: dict[str, tuple[int, np.ndarray, np.ndarray]] = {}
+        self._sites: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
         base = ElementTree.parse(path).getroot().find("worldbody/body")
         if base is None:
             raise ValueError(f"{path}: no body")
@@ -57,6 +59,10 @@ class Kinematics:
 
     def __call__(self, joints: np.ndarray) -> dict[str, Frame]:
         """Return the frames of all sites by name; `joints` in `robot.JOINTS` order [m, rad], shape (8,)."""
+        return self.sites(self.bodies(joints))
+
+    def bodies(self, joints: np.ndarray) -> dict[str, Frame]:
+        """Return the frames of all bodies by name, in the order of the MJCF; `joints` as above."""
         poses: list[Frame] = []
         for body in self._bodies:
             pos, mat = body.pos, body.mat
@@ -70,8 +76,12 @@ class Kinematics:
                 parent = poses[body.parent]
                 pos, mat = parent.pos + parent.mat @ pos, parent.mat @ mat
             poses.append(Frame(pos, mat))
+        return {body.name: pose for body, pose in zip(self._bodies, poses, strict=True)}
+
+    def sites(self, bodies: Mapping[str, Frame]) -> dict[str, Frame]:
+        """Return the frames of all sites by name, from what `bodies` returned."""
         return {
-            name: Frame(poses[body].pos + poses[body].mat @ pos, poses[body].mat @ mat)
+            name: Frame(bodies[body].pos + bodies[body].mat @ pos, bodies[body].mat @ mat)
             for name, (body, pos, mat) in self._sites.items()
         }
 
@@ -85,9 +95,10 @@ class Kinematics:
             source, share = robot.DOF_SOURCE[robot.DOF_NAMES.index(found.get("name", "")) - len(_PLANAR)]
             joint, is_slide = robot.JOINTS.index(source), found.get("type") == "slide"
             axis = _numbers(found, "axis", "0 0 1")
-        self._bodies.append(_Body(parent, *_pose(element), joint, share, is_slide, axis))
+        name = element.get("name", "")
+        self._bodies.append(_Body(name, parent, *_pose(element), joint, share, is_slide, axis))
         for site in element.findall("site"):
-            self._sites[site.get("name", "")] = (index, *_pose(site))
+            self._sites[site.get("name", "")] = (name, *_pose(site))
         for child in element.findall("body"):
             self._read(child, index)
 
@@ -97,15 +108,19 @@ def _numbers(element: ElementTree.Element, key: str, default: str) -> np.ndarray
 
 
 def _pose(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
-    w, x, y, z = (quat := _numbers(element, "quat", "1 0 0 0")) / np.linalg.norm(quat)
-    mat = np.array(
+    return _numbers(element, "pos", "0 0 0"), rotation(_numbers(element, "quat", "1 0 0 0"))
+
+
+def rotation(quat: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any length, shape (3, 3)."""
+    w, x, y, z = quat / np.linalg.norm(quat)
+    return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    return _numbers(element, "pos", "0 0 0"), mat
 
 
 def _turn(axis: np.ndarray, angle: float) -> np.ndarray:

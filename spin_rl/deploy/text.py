@@ -27,14 +27,13 @@ def summary(contract: Contract) -> str:
     lines.append(
         f"Camera: {camera.mount}, {view}" + ("" if camera.pose is None else f", held at {camera.pose}")
     )
-    if camera.image is not None and camera.range_m is not None and camera.focal_px is not None:
+    if camera.image is not None and camera.focal_px is not None:
         rows, columns = camera.image
-        near, far = camera.range_m
-        lines.append(
-            f"Image: {rows} x {columns} upright, focal length "
-            f"{camera.focal_px[0]:.1f} x {camera.focal_px[1]:.1f} px, 0 is {near:g} m, "
-            f"255 is {far:g} m or a hole"
-        )
+        focal = f"{camera.focal_px[0]:.1f} x {camera.focal_px[1]:.1f} px"
+        levels = "for the pilot alone"
+        if camera.range_m is not None:
+            levels = f"0 is {camera.range_m[0]:g} m, 255 is {camera.range_m[1]:g} m or a hole"
+        lines.append(f"Image: {rows} x {columns} upright, focal length {focal}, {levels}")
     if contract.depth_filter is not None:
         steps = ", ".join(f"{key} {value:g}" for key, value in vars(contract.depth_filter).items())
         lines.append(f"Depth filter: {steps}")
@@ -53,6 +52,10 @@ def summary(contract: Contract) -> str:
         f"Speeds ({profile.name}): {profile.forward_max:g} m/s ahead, {profile.reverse_max:g} back, "
         f"{profile.turn_max:g} rad/s; {profile.base_acceleration:g} m/s^2"
     )
+    for name, section in (("Guard", contract.guard), ("Planner", contract.planner)):
+        if section is not None and section.enabled:
+            values = (f"{key} {value:g}" for key, value in vars(section).items() if key != "enabled")
+            lines.append(f"{name}: {', '.join(values)}")
     if contract.simulation_only is not None:
         lines.append(f"SIMULATION ONLY: {contract.simulation_only}")
     if contract.parity:

@@ -12,6 +12,7 @@ from spin_rl.config import ConfigError, from_mapping
 from spin_rl.deploy import contract as parts
 from spin_rl.deploy.contract import Contract
 from spin_rl.export.groups import describe_group
+from spin_rl.export.pilot import describe_pilot
 from spin_rl.groups import is_depth
 from spin_rl.machine import commit
 from spin_rl.runners.policy_file import TrainedPolicy, find_policy
@@ -26,16 +27,16 @@ _RESET = (
     "are."
 )
 _NO_SCANDOTS = "it reads the corners of obstacles (scandots), which only a simulator knows"
-_NO_GUARD = "and it was trained behind a guard (task.guard), which is not in this file"
 _DYNAMICS = ("base_lag_s", "joint_lag_s", "speed_scale", "acceleration_scale")
 
 
-def describe(policy: TrainedPolicy, units: int) -> Contract:
+def describe(policy: TrainedPolicy, units: int, pilot: Mapping[str, Any] | None = None) -> Contract:
     """Write a contract; the parity is not known yet.
 
     Args:
         policy: Of a run whose configuration is known.
         units: Units of its LSTM.
+        pilot: `guard` and `planner` of a task, to drive with other ones than those of the training.
 
     Raises:
         ConfigError: Its task is none that a single policy is exported for, or it reads what no robot tells.
@@ -45,8 +46,9 @@ def describe(policy: TrainedPolicy, units: int) -> Contract:
         raise ConfigError(f"policy: {policy.name} does not say how it was trained")
     refuse_camera_actions(config, "an exported policy")
     task, names = config["task"], tuple(metadata["obs_groups"])
+    guard, planner, shapes = describe_pilot(task | (pilot or {}))
     reads_images = any(is_depth(name) for name in names)
-    camera, depth_filter = _camera(config, reads_images)
+    camera, depth_filter = _camera(config, reads_images, bool(shapes))
     dims = metadata["obs_dims"]
     groups = tuple(describe_group(name, dims[name], camera) for name in names)
     is_simulated = any(group.source == "simulation" for group in groups)
@@ -72,35 +74,31 @@ def describe(policy: TrainedPolicy, units: int) -> Contract:
             for name, following in parts.STATE.items()
         },
         reset=_RESET,
-        simulation_only=_simulation_only(task, is_simulated),
+        simulation_only=_NO_SCANDOTS if is_simulated else None,
         training=_training(metadata, task),
         parity={},
         model_card=_card(policy.name),
+        guard=guard,
+        planner=planner,
+        shapes=shapes,
     )
 
 
-def _simulation_only(task: Mapping[str, Any], is_simulated: bool) -> str | None:
-    """Say why a policy is none for a robot, if it is not."""
-    if not is_simulated:
-        return None
-    is_guarded = (task.get("guard") or {}).get("enabled", False)
-    return f"{_NO_SCANDOTS}, {_NO_GUARD}" if is_guarded else _NO_SCANDOTS
-
-
-def _camera(config: Mapping[str, Any], reads_images: bool) -> tuple[parts.Camera, DepthFilterConfig | None]:
+def _camera(
+    config: Mapping[str, Any], reads_images: bool, has_pilot: bool
+) -> tuple[parts.Camera, DepthFilterConfig | None]:
     mount, pose = config["task"]["camera_mount"], config["task"].get("camera_pose")
     tangents = robot.camera_tan_half_fov(mount)
     fov = tuple(math.degrees(2.0 * math.atan(tangent)) for tangent in tangents)
     values = {"mount": mount, "fov_deg": fov, "pose": pose}
+    if reads_images or has_pilot:
+        shape = image_shape(mount)
+        focal = tuple(size / (2.0 * tan) for size, tan in zip(shape, tangents, strict=True))
+        values |= {"image": shape, "focal_px": focal}
     if not reads_images:
         return from_mapping(parts.Camera, values, "camera"), None
     depth_filter = from_mapping(DepthFilterConfig, config["depth"]["filter"], "depth.filter")
-    shape = image_shape(mount)
-    values |= {
-        "image": shape,
-        "focal_px": tuple(size / (2.0 * tan) for size, tan in zip(shape, tangents, strict=True)),
-        "range_m": (depth_filter.near_m, depth_filter.far_m),
-    }
+    values["range_m"] = (depth_filter.near_m, depth_filter.far_m)
     return from_mapping(parts.Camera, values, "camera"), depth_filter
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -58,12 +59,13 @@ class Exported:
     parity: Parity
 
 
-def export_policy(policy: TrainedPolicy, path: Path) -> Exported:
+def export_policy(policy: TrainedPolicy, path: Path, pilot: Mapping[str, Any] | None = None) -> Exported:
     """Export a policy; the file appears only if it does what the policy does.
 
     Args:
         policy: A recurrent one.
         path: File to write, `<name>.onnx`.
+        pilot: See `describe`.
 
     Raises:
         ConfigError: It cannot be exported, a package is missing, or the exported one acts differently.
@@ -71,7 +73,7 @@ def export_policy(policy: TrainedPolicy, path: Path) -> Exported:
     if path.suffix != ".onnx":
         raise ConfigError(f"out: a policy's file is named <name>.onnx, not {path.name}")
     actor = recurrent(policy.build(), policy.name)
-    contract = describe(policy, actor.rnn_hidden_dim)
+    contract = describe(policy, actor.rnn_hidden_dim, pilot)
     dims = {group.name: group.size for group in contract.observations}
     model = make_graph(actor, dims)
     with tempfile.TemporaryDirectory() as folder:

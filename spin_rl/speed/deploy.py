@@ -1,4 +1,4 @@
-"""Latency of a policy on a robot's computer, on one core: network, depth filter, and the whole tick."""
+"""Latency of a policy on a robot's computer, on one core: network, filter, pilot, and the whole tick."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.robot import RobotDepthFilter
 from spin_rl.speed.rows import Row
 
-POLICIES = ("nav-cvo", "nav-cvo-depth", "pick-depth")
-"""A teacher and the students."""
+POLICIES = ("nav-cvo", "nav-room", "nav-cvo-depth", "pick-depth")
+"""Teachers, one of them with a pilot, and the students."""
 CAMERA = (480, 848)
 """Rows and columns of the camera's own image."""
 _WARM_UP, _LEAST = 20, 200
@@ -41,7 +41,9 @@ def measure_deploy(files: Sequence[Path], seconds: float, clock: Callable[[], fl
 
     Returns:
         Median and 99th percentile [ms] of the network's step, of the filter (with the reduction of the
-        camera's image) and of the whole tick, from the camera's image to the command.
+        camera's image) and of the whole tick, from the camera's image to the command; of a policy with a
+        pilot also of the tick without. The robot never moves and every image is another, so that a pilot
+        plans as often as it may and drives out of where it is stuck.
     """
     share = seconds / (2 * len(files) + 1)
     rng = np.random.default_rng(0)
@@ -57,9 +59,11 @@ def measure_deploy(files: Sequence[Path], seconds: float, clock: Callable[[], fl
             near, far = contract.depth_filter.near_m, contract.depth_filter.far_m
             own = replace(config, near_m=near, far_m=far)
             network.contract = replace(contract, depth_filter=own)
-        rows += _rows(
-            f"{contract.name}: whole tick", _tick(Agent(network), groups), _images(rng), share, clock
-        )
+        ticks = {"whole tick": Agent(network)}
+        if contract.has_pilot:
+            ticks["tick without pilot"] = Agent(network, pilot=False)
+        for name, agent in ticks.items():
+            rows += _rows(f"{contract.name}: {name}", _tick(agent, groups), _images(rng), share, clock)
     return rows
 
 

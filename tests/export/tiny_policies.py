@@ -1,18 +1,23 @@
 """Policies with few, random weights: what tests/data/tiny_*.onnx were exported from.
 
-python tests/export/tiny_policies.py    # writes them anew, after the metadata has changed
+python tests/export/tiny_policies.py [name ...]    # writes them anew, after the metadata has changed
 """
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
 
 from spin_rl.export.write import Exported, export_policy
 from spin_rl.runners.policy_file import build_model, read_policy, write_policy
+from spin_rl.tasks.nav.config import GuardConfig, PlannerConfig
 
 DATA = Path(__file__).parents[1] / "data"
-LIKE = {"tiny_nav": "nav-cvo-depth", "tiny_pick": "pick-depth"}
+LIKE = {"tiny_nav": "nav-cvo-depth", "tiny_pick": "pick-depth", "tiny_room": "nav-room"}
+PILOT = {"guard": asdict(GuardConfig(enabled=True)), "planner": asdict(PlannerConfig(enabled=True))}
+CHANGES = {"tiny_room": PILOT}
+"""Of their tasks' configurations."""
 FILTER = {"dilate_px": 1, "close_px": 4, "fill_px": 3, "median_support": 2, "blur": 0.5, "memory": 0.4}
 FILTER |= {"hold_steps": 3}
 
@@ -29,7 +34,7 @@ def tiny_metadata(name: str, **changes) -> dict:
     if metadata["config"]["depth"] is not None:
         metadata["config"]["depth"]["filter"] |= FILTER
     metadata["facts"] = {"command": "none: random weights, for tests"}
-    metadata["config"]["task"] |= changes
+    metadata["config"]["task"] |= CHANGES.get(name, {}) | changes
     return metadata
 
 
@@ -53,8 +58,9 @@ def export_tiny(name: str, folder: Path, out: Path, **changes) -> Exported:
 
 
 if __name__ == "__main__":
+    import sys
     import tempfile
 
-    for tiny in LIKE:
+    for tiny in sys.argv[1:] or LIKE:
         with tempfile.TemporaryDirectory() as place:
             print(export_tiny(tiny, Path(place), DATA / f"{tiny}.onnx").parity)

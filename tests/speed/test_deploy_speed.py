@@ -24,10 +24,12 @@ def ticking():
 
 def test_rows_have_median_and_percentile_of_every_part(ticking, monkeypatch):
     monkeypatch.setattr(deploy_speed, "_LEAST", 200)
-    files = [DATA / "tiny_nav.onnx", DATA / "tiny_pick.onnx"]
+    files = [DATA / f"{name}.onnx" for name in ("tiny_nav", "tiny_pick", "tiny_room")]
     rows = deploy_speed.measure_deploy(files, 0.0, ticking)
     names = ["depth filter, 848 x 480"]
-    names += [f"{name}: {part}" for name in ("tiny_nav", "tiny_pick") for part in ("network", "whole tick")]
+    parts = ("network", "whole tick")
+    names += [f"{name}: {part}" for name in ("tiny_nav", "tiny_pick", "tiny_room") for part in parts]
+    names.append("tiny_room: tick without pilot")
     assert [row.name for row in rows] == [n for name in names for n in (name, f"{name}, 99th percentile")]
     for median, slow in zip(rows[::2], rows[1::2], strict=True):
         assert median.unit == "ms" and median.value == pytest.approx(99.5)

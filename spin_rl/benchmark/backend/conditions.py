@@ -19,6 +19,11 @@ Config = NavConfig | PickConfig | FetchConfig
 """Of the tasks whose episodes can be run again."""
 
 
+def pilot_of(cfg: Config) -> dict[str, Any]:
+    """Return the sections of a task that its pilot is exported with, see `export.describe`."""
+    return {"guard": asdict(cfg.guard), "planner": asdict(cfg.planner)} if isinstance(cfg, NavConfig) else {}
+
+
 def check(agent: Agent | FetchAgent, cfg: Config) -> None:
     """Reject conditions that C MuJoCo, or what was exported, does not have.
 
@@ -34,8 +39,6 @@ def check(agent: Agent | FetchAgent, cfg: Config) -> None:
     noisy = [name for name, value in vars(cfg.noise).items() if value]
     if noisy:
         raise ConfigError(f"task.noise.{noisy[0]}: the other simulator measures exactly, say 0")
-    if isinstance(cfg, NavConfig) and cfg.guard.enabled:
-        raise ConfigError("task.guard.enabled: what runs on a robot has no guard yet, say false")
     if not isinstance(cfg, NavConfig) and cfg.detector != "none":
         raise ConfigError("task.detector: the other simulator tells where the object is, say none")
     for key, (asked, exported) in _pairs(agent, cfg).items():
@@ -64,6 +67,8 @@ def _pairs(agent: Agent | FetchAgent, cfg: Config) -> dict[str, tuple[Any, Any]]
         pairs["task.scandots"] = asdict(cfg.scandots), asdict(contract.scandots)
     if isinstance(cfg, NavConfig):
         pairs["task.goal_tolerance_m"] = cfg.goal_tolerance_m, None if told is None else told.tolerance_m
+        pairs["task.guard"] = _if_enabled(cfg.guard), _if_enabled(contract.guard)
+        pairs["task.planner"] = _if_enabled(cfg.planner), _if_enabled(contract.planner)
     elif isinstance(agent, FetchAgent):
         asked = asdict(cfg)
         pairs |= {
@@ -88,3 +93,7 @@ def _of_the_simulator(contract: Contract, cfg: Config) -> dict[str, tuple[Any, A
     if not isinstance(cfg, NavConfig):
         pairs["task.sight"] = (cfg.sight.near_m, cfg.sight.far_m, cfg.sight.occlusion), (*SIGHT_M, True)
     return pairs
+
+
+def _if_enabled(section: Any) -> dict[str, Any] | None:
+    return asdict(section) if section is not None and section.enabled else None

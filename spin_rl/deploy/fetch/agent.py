@@ -136,15 +136,15 @@ class FetchAgent:
             policy.aim(m.goal, None)
 
 
-def open_agent(path: Path, speed_scale: float = 1.0) -> Agent | FetchAgent:
-    """Open an exported policy, or the folder of a fetch; see `Decoder` for `speed_scale`.
+def open_agent(path: Path, speed_scale: float = 1.0, *, pilot: bool = True) -> Agent | FetchAgent:
+    """Open an exported policy, or the folder of a fetch, in which no policy has a pilot; see `Agent`.
 
     Raises:
         ConfigError: It is neither.
     """
     bundle = path / BUNDLE if path.is_dir() else path
     if bundle.name != BUNDLE:
-        return Agent(Network(path), speed_scale)
+        return Agent(Network(path), speed_scale, pilot=pilot)
     try:
         values = json.loads(bundle.read_text(encoding="utf-8"))
         names, settings = values["policies"], values["settings"]
@@ -155,7 +155,7 @@ def open_agent(path: Path, speed_scale: float = 1.0) -> Agent | FetchAgent:
         rules = from_keys(Rules, settings)
     except ConfigError as error:
         raise ConfigError(f"policy: {bundle}: {error}") from None
-    nav, pick = (Agent(Network(file), speed_scale) for file in files)
+    nav, pick = (Agent(Network(file), speed_scale, pilot=False) for file in files)
     for agent, task in ((nav, "nav"), (pick, "pick")):
         if agent.contract.task != task:
             raise ConfigError(f"policy: {bundle}: {task} is a policy of task={agent.contract.task}")

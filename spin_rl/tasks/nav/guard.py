@@ -17,7 +17,7 @@ from spin_rl.warp_kernels.distance_field.field import Field
 from spin_rl.warp_kernels.guard import filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
-_HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
+HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
 
 
 _FIRST_HEAD = wp.constant(robot.JOINTS.index(robot.CAMERA_JOINTS[0]))
@@ -78,7 +78,7 @@ class Guard:
         num_worlds, k = sim.layout.nearby.shape
         self._things = trial.Things()
         with wp.ScopedDevice(sim.device):
-            self._shapes.hull = wp.array([_HULLS[name.partition("_")[0]] for name in names], dtype=wp.int32)
+            self._shapes.hull = wp.array([HULLS[name.partition("_")[0]] for name in names], dtype=wp.int32)
             self._things.place = wp.zeros((num_worlds, k), dtype=wp.vec3)
             for name in ("drift", "half", "height"):
                 setattr(self._things, name, wp.zeros((num_worlds, k), dtype=wp.vec2))
