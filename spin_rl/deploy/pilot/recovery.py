@@ -13,12 +13,14 @@ from spin_rl.deploy.pilot.trial import Trial
 
 _MOVED_M = 0.15
 """A base that got so far from where it was is not stuck [m]."""
-_RECOVERY_S, _FIRST_S, _SECOND_S = 4.0, 0.8, 1.0
-"""How long a recovery takes, and its two commands."""
+_RECOVERY_S, _FIRST_S, _BACK_S, _SECOND_S = 4.0, 0.8, 2.4, 1.0
+"""How long a recovery takes, and its two commands; the first may lead backwards, which is slow, for longer."""
 _SLOW_M_S = 0.3
 """Speed that is tried ahead [m/s]."""
-_TURNS = 0.5 * np.arange(-2, 3)
+_TURNS = np.array([-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0])
 """Turning speeds that are tried, shares of the limit."""
+_STAY_M, _STAY_RAD = 0.05, 0.2
+"""Commands that move the base less than this, and turn it less, lead out of nothing."""
 _HEADING_M = 0.3
 """Way that turning by 1 rad is worth [m]."""
 
@@ -36,11 +38,12 @@ class Recovery:
             place: Where the base is [m], shape (2,).
         """
         self._patience = round(stuck_s / period_s)
-        self._steps, self._first, self._second = (
-            round(time / period_s) for time in (_RECOVERY_S, _FIRST_S, _SECOND_S)
+        self._steps, self._first, self._back, self._second = (
+            round(time / period_s) for time in (_RECOVERY_S, _FIRST_S, _BACK_S, _SECOND_S)
         )
         self._place, self._stuck, self._left, self._hold = place, 0, 0, 0
         self._command = np.zeros(2)
+        self._then: np.ndarray | None = None
 
     def update(self, base: np.ndarray, is_guarded: bool, trial: Trial, field: Field) -> np.ndarray | None:
         """Return the command [m/s, rad/s], shape (2,), while the robot is driven out; else None.
@@ -56,29 +59,39 @@ class Recovery:
         else:
             self._stuck += 2 if is_guarded else 1
         if self._stuck >= 2 * self._patience and self._left == 0:
-            self._stuck, self._left, self._hold = 0, self._steps, 0
+            self._stuck, self._left, self._hold, self._then = 0, self._steps, 0, None
         if self._left == 0:
             return None
         self._left -= 1
+        if self._hold == 0 and self._then is not None:
+            self._command, self._hold, self._then = self._then, self._second, None
         if self._hold == 0 or not trial.is_free(self._command[None], 2)[0]:
-            self._command, self._hold = self._way_out(base, trial, field), self._first
+            self._plan(base, trial, field)
         self._hold -= 1
         return self._command if trial.is_free(self._command[None], 1)[0] else np.zeros(2)
 
-    def _way_out(self, base: np.ndarray, trial: Trial, field: Field) -> np.ndarray:
+    def _plan(self, base: np.ndarray, trial: Trial, field: Field) -> None:
+        """Choose two commands that hit nothing and end nearest to the goal; none if there are none."""
+        self._command, self._hold, self._then = np.zeros(2), self._first, None
         ahead, back, turn = trial.drive.most
         slow, turns = min(ahead, _SLOW_M_S), turn * _TURNS
-        firsts = _pairs((slow, 0.0, -min(back, BACK_M_S)), turns)
+        backwards = -min(back, BACK_M_S)
         seconds = _pairs((slow, 0.0), turns)
-        poses, middle = trial.drive.follow(trial.start(len(firsts)), firsts, self._first)
-        free = np.flatnonzero(~trial.hits(poses))
-        which = np.repeat(free, len(seconds))
-        poses, end = trial.drive.follow(middle.each(which), np.tile(seconds, (len(free), 1)), self._second)
-        left = np.flatnonzero(~trial.hits(poses))
-        if not left.size:
-            return np.zeros(2)
-        best = left[_left_to_go(end.pose[left], base, field).argmin()]
-        return firsts[which[best]]
+        least = np.inf
+        for speeds, steps in (((slow, 0.0, backwards), self._first), ((backwards,), self._back)):
+            firsts = _pairs(speeds, turns)
+            poses, middle = trial.drive.follow(trial.start(len(firsts)), firsts, steps)
+            which = np.repeat(np.flatnonzero(~trial.hits(poses)), len(seconds))
+            thens = np.tile(seconds, (len(which) // len(seconds), 1))
+            poses, end = trial.drive.follow(middle.each(which), thens, self._second)
+            moves = (np.hypot(*end.pose[:, :2].T) > _STAY_M) | (np.abs(end.pose[:, 2]) > _STAY_RAD)
+            left = np.flatnonzero(moves & ~trial.hits(poses))
+            if not left.size:
+                continue
+            costs = _left_to_go(end.pose[left], base, field)
+            if costs.min() < least:
+                least, best = costs.min(), left[costs.argmin()]
+                self._command, self._hold, self._then = firsts[which[best]], steps, thens[best]
 
 
 def _pairs(speeds: tuple[float, ...], turns: np.ndarray) -> np.ndarray:
