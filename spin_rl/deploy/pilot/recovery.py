@@ -9,16 +9,19 @@ import numpy as np
 
 from spin_rl.deploy.pilot.field import Field
 from spin_rl.deploy.pilot.guard import BACK_M_S
-from spin_rl.deploy.pilot.trial import Trial
+from spin_rl.deploy.pilot.trial import Motion, Trial
 
 _MOVED_M = 0.15
 """A base that got so far from where it was is not stuck [m]."""
-_RECOVERY_S, _FIRST_S, _BACK_S, _SECOND_S = 4.0, 0.8, 2.4, 1.0
-"""How long a recovery takes, and its two commands; the first may lead backwards, which is slow, for longer."""
+_RECOVERY_S = 4.0
+_FIRST_S, _BACK_S, _SECOND_S = 0.8, 2.4, 1.0
+"""How long a recovery takes, and its two commands; backwards, which is slow, the first may take longer."""
 _SLOW_M_S = 0.3
 """Speed that is tried ahead [m/s]."""
 _TURNS = np.array([-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0])
 """Turning speeds that are tried, shares of the limit."""
+_AT_ONCE = 32
+"""Pairs that are tried together."""
 _STAY_M, _STAY_RAD = 0.05, 0.2
 """Commands that move the base less than this, and turn it less, lead out of nothing."""
 _HEADING_M = 0.3
@@ -41,9 +44,8 @@ class Recovery:
         self._steps, self._first, self._back, self._second = (
             round(time / period_s) for time in (_RECOVERY_S, _FIRST_S, _BACK_S, _SECOND_S)
         )
-        self._place, self._stuck, self._left, self._hold = place, 0, 0, 0
-        self._command = np.zeros(2)
-        self._then: np.ndarray | None = None
+        self._place, self._stuck, self._left = place, 0, 0
+        self._plan: list[tuple[np.ndarray, int]] = []
 
     def update(self, base: np.ndarray, is_guarded: bool, trial: Trial, field: Field) -> np.ndarray | None:
         """Return the command [m/s, rad/s], shape (2,), while the robot is driven out; else None.
@@ -59,39 +61,46 @@ class Recovery:
         else:
             self._stuck += 2 if is_guarded else 1
         if self._stuck >= 2 * self._patience and self._left == 0:
-            self._stuck, self._left, self._hold, self._then = 0, self._steps, 0, None
+            self._stuck, self._left, self._plan = 0, self._steps, []
         if self._left == 0:
             return None
         self._left -= 1
-        if self._hold == 0 and self._then is not None:
-            self._command, self._hold, self._then = self._then, self._second, None
-        if self._hold == 0 or not trial.is_free(self._command[None], 2)[0]:
-            self._plan(base, trial, field)
-        self._hold -= 1
-        return self._command if trial.is_free(self._command[None], 1)[0] else np.zeros(2)
+        trial = trial.without_margin()  # the robot may have got to where a margin leaves no way
+        if not self._plan or not trial.is_free(self._plan[0][0][None], 2)[0]:
+            self._plan = self._way_out(base, trial, field)
+        (command, steps), *then = self._plan
+        self._plan = [(command, steps - 1), *then] if steps > 1 else then
+        return command if trial.is_free(command[None], 1)[0] else np.zeros(2)
 
-    def _plan(self, base: np.ndarray, trial: Trial, field: Field) -> None:
-        """Choose two commands that hit nothing and end nearest to the goal; none if there are none."""
-        self._command, self._hold, self._then = np.zeros(2), self._first, None
+    def _way_out(self, base: np.ndarray, trial: Trial, field: Field) -> list[tuple[np.ndarray, int]]:
+        """Return two commands with how many steps they take; a stop where nothing leads out."""
         ahead, back, turn = trial.drive.most
-        slow, turns = min(ahead, _SLOW_M_S), turn * _TURNS
-        backwards = -min(back, BACK_M_S)
+        slow, back, turns = min(ahead, _SLOW_M_S), -min(back, BACK_M_S), turn * _TURNS
+        firsts = np.concatenate([_pairs((slow, 0.0, back), turns), _pairs((back,), turns)])
         seconds = _pairs((slow, 0.0), turns)
-        least = np.inf
-        for speeds, steps in (((slow, 0.0, backwards), self._first), ((backwards,), self._back)):
-            firsts = _pairs(speeds, turns)
-            poses, middle = trial.drive.follow(trial.start(len(firsts)), firsts, steps)
-            which = np.repeat(np.flatnonzero(~trial.hits(poses)), len(seconds))
-            thens = np.tile(seconds, (len(which) // len(seconds), 1))
-            poses, end = trial.drive.follow(middle.each(which), thens, self._second)
-            moves = (np.hypot(*end.pose[:, :2].T) > _STAY_M) | (np.abs(end.pose[:, 2]) > _STAY_RAD)
-            left = np.flatnonzero(moves & ~trial.hits(poses))
-            if not left.size:
-                continue
-            costs = _left_to_go(end.pose[left], base, field)
-            if costs.min() < least:
-                least, best = costs.min(), left[costs.argmin()]
-                self._command, self._hold, self._then = firsts[which[best]], steps, thens[best]
+        steps = np.repeat([self._first, self._back], (len(firsts) - len(turns), len(turns)))
+        pose, speed, is_free = (
+            np.empty((len(firsts), 3)),
+            np.empty((len(firsts), 2)),
+            np.empty(len(firsts), bool),
+        )
+        for most in (self._first, self._back):
+            some = np.flatnonzero(steps == most)
+            poses, middle = trial.drive.follow(trial.start(len(some)), firsts[some], most)
+            pose[some], speed[some], is_free[some] = middle.pose, middle.speed, ~trial.hits(poses)
+        which = np.repeat(np.flatnonzero(is_free), len(seconds))
+        thens = np.tile(seconds, (np.count_nonzero(is_free), 1))
+        poses, end = trial.drive.follow(Motion(pose[which], speed[which]), thens, self._second)
+        moves = (np.hypot(*end.pose[:, :2].T) > _STAY_M) | (np.abs(end.pose[:, 2]) > _STAY_RAD)
+        cost = np.where(moves, _left_to_go(end.pose, base, field), np.inf)
+        order = np.argsort(cost, kind="stable")[: np.count_nonzero(moves)]
+        for at in range(0, len(order), _AT_ONCE):
+            some = order[at : at + _AT_ONCE]
+            free = some[~trial.hits(poses[some])]
+            if free.size:
+                first = which[free[0]]
+                return [(firsts[first], int(steps[first])), (thens[free[0]], self._second)]
+        return [(np.zeros(2), self._first)]
 
 
 def _pairs(speeds: tuple[float, ...], turns: np.ndarray) -> np.ndarray:

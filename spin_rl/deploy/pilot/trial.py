@@ -6,6 +6,7 @@ Nothing is expected to move.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -110,12 +111,19 @@ class Trial:
         self.drive, self._yaw = drive, float(base[2])
         self._middle = 0.5 * (hulls.low + hulls.high)[:, :2]
         self._half = 0.5 * (hulls.high - hulls.low)[:, :2] + margin
+        self._margin = margin
         self._now = now
         cos, sin = math.cos(base[2]), math.sin(base[2])
         window = costmap.around(base[:2], _REACH_M)
         offset = window.middle - base[:2]
         middle = np.stack([offset @ (cos, sin), offset @ (-sin, cos)], -1)
         self._things = [self._gather(hull, hulls, window, middle) for hull in range(NUM_HULLS)]
+
+    def without_margin(self) -> Trial:
+        """Return the same among the same things, with nothing around the robot."""
+        tight = copy.copy(self)
+        tight._half = self._half - self._margin
+        return tight
 
     def start(self, count: int) -> Motion:
         """Return so many times the base as it moves now."""
