@@ -89,7 +89,7 @@ class Recovery:
             poses, middle = trial.drive.follow(trial.start(len(some)), firsts[some], most)
             pose[some], speed[some], is_free[some] = middle.pose, middle.speed, ~trial.hits(poses)
         which = np.repeat(np.flatnonzero(is_free), len(seconds))
-        thens = np.tile(seconds, (np.count_nonzero(is_free), 1))
+        thens = np.tile(seconds, (int(np.count_nonzero(is_free)), 1))
         poses, end = trial.drive.follow(Motion(pose[which], speed[which]), thens, self._second)
         moves = (np.hypot(*end.pose[:, :2].T) > _STAY_M) | (np.abs(end.pose[:, 2]) > _STAY_RAD)
         cost = np.where(moves, _left_to_go(end.pose, base, field), np.inf)
