@@ -206,9 +206,17 @@ def summarize(episodes: ReachEpisodes, control_period: float) -> dict[str, Any]:
 
 
 def summarize_drives(episodes: DriveEpisodes, control_period: float) -> dict[str, Any]:
-    """Compute the figures of one row of a benchmark of the navigation task: `summarize` with `spl`."""
+    """Compute the figures of one row of a benchmark of the navigation task.
+
+    Returns:
+        As `summarize`, with `spl`, and with `outcomes`, which lets results of the same scenes be paired: a
+        letter for every episode, the first one of the name that `episode.OUTCOMES` has for how it ended.
+    """
     success = episodes.outcome == episode.SUCCESS
-    return summarize(episodes, control_period) | {"spl": spl(success, episodes.way, episodes.driven)}
+    return summarize(episodes, control_period) | {
+        "spl": spl(success, episodes.way, episodes.driven),
+        "outcomes": "".join(episode.OUTCOMES[outcome][0] for outcome in episodes.outcome),
+    }
 
 
 def summarize_picks(episodes: PickEpisodes, control_period: float) -> dict[str, Any]:

@@ -56,10 +56,7 @@ def evaluate_rooms(
         ConfigError: The scenes are not of families; no episodes, no seeds, the same seed twice, or no worlds.
     """
     check_counts(episodes, seeds, num_envs)
-    if not isinstance(cfg.scene, FamilyParams):
-        raise ConfigError(f"scene: benchmark=rooms needs scene=mixture or one of {', '.join(FAMILIES)}")
-    shares = cfg.scene.shares
-    families = [family for family in FAMILIES if getattr(shares, family) > 0.0]
+    families = families_of(cfg)
     groups, facts = run_seeds(
         lambda nworld: NavEnv(cfg, nworld, device),
         make_policy,
@@ -85,6 +82,17 @@ def evaluate_rooms(
         **describe_drives(cfg),
         **facts,
     }
+
+
+def families_of(cfg: NavConfig) -> list[str]:
+    """Names of the families that have a share in the scenes of a configuration.
+
+    Raises:
+        ConfigError: The scenes are not of families.
+    """
+    if not isinstance(cfg.scene, FamilyParams):
+        raise ConfigError(f"scene: benchmark=rooms needs scene=mixture or one of {', '.join(FAMILIES)}")
+    return [family for family in FAMILIES if getattr(cfg.scene.shares, family) > 0.0]
 
 
 def run_families(

@@ -14,6 +14,7 @@ from spin_rl.tasks.common.config import TaskConfig
 
 # What of a training the benchmark that follows it takes over: its scenes and its camera's noise.
 _CONDITIONS = ("scene", "depth")
+_CAMERA_ACTIONS = ("task.camera_action", "task.camera_frozen_after_s")
 _RANGE = ("near_m", "far_m")
 """What of a depth filter is the policy's own: how metres become the image that it reads."""
 
@@ -39,6 +40,7 @@ def for_policy(
         "robot.profile",
         "task.camera_mount",
         "task.camera_pose",
+        *_CAMERA_ACTIONS,
         "task.pick_range_m",
         "task.goal_range_m",
     ]
@@ -69,9 +71,11 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         ConfigError: They were trained for different robots, cameras or depth filters; one robot has one each.
-            The range of depths that a policy reads is its own.
+            The range of depths that a policy reads is its own. Or the one that drives has other camera
+            actions than targets of the head.
     """
     sources = [OmegaConf.create(dict(trained)) for trained in (nav, pick)]
+    refuse_camera_actions(nav, "a fetch")
     seeing = [source for source in sources if OmegaConf.select(source, "task.depth.enabled")]
     joint = OmegaConf.create({"task": {"depth": {"enabled": bool(seeing)}}})
     for source in sources:
@@ -97,6 +101,23 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
         if values and values[0] is not None:
             OmegaConf.update(joint, key, values[0], force_add=True)
     return cast(dict[str, Any], OmegaConf.to_container(joint))
+
+
+def refuse_camera_actions(trained: Mapping[str, Any], where: str) -> None:
+    """Reject a policy whose camera actions are more than targets of the head, where they are taken as such.
+
+    Args:
+        trained: Configuration of its training, nested.
+        where: What takes them so.
+
+    Raises:
+        ConfigError: One line that names the setting.
+    """
+    task = trained.get("task") or {}
+    for key in _CAMERA_ACTIONS:
+        value = task.get(key.partition(".")[2])
+        if value not in (None, "target"):
+            raise ConfigError(f"policy: it was trained with {key}={value}, which {where} does not have")
 
 
 def group_of(override: str) -> str:

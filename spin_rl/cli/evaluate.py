@@ -28,10 +28,10 @@ from spin_rl.tasks.registry import TaskSpec, find_task
 
 ANALYSES = ("camera", "failures", "behaviour", "sight")
 _ANALYSED = {
-    "camera": ("reach",),
+    "camera": ("reach", "rooms"),
     "failures": ("reach", "rooms", "scenes"),
     "behaviour": ("reach", "rooms", "scenes"),
-    "sight": ("reach", "rooms"),
+    "sight": ("reach", "rooms", "fetch"),
 }
 """The benchmarks that each analysis looks into."""
 _ANALYSIS_COUNTS = {"episodes": 50, "seeds": [0]}
@@ -230,6 +230,12 @@ def _analyse_camera(options: Options, source: policies.PolicySource, task: Any) 
     from spin_rl.benchmark import reach
 
     cells = options.camera_analysis.cells
+    if options.benchmark.name == "rooms":
+        if cells is not None:
+            raise ConfigError("camera_analysis.cells: are those of benchmark=reach")
+        conditions = analysis.places(task)
+    else:
+        conditions = analysis.corridors(reach.REACH_CELLS if cells is None else variants.parse_cells(cells))
     result = analysis.analyse_camera(
         source.make,
         task,
@@ -237,7 +243,7 @@ def _analyse_camera(options: Options, source: policies.PolicySource, task: Any) 
         options.seeds,
         options.device,
         held=variants.held_variants(options.camera_analysis.tilts, options.camera_analysis.blind),
-        cells=reach.REACH_CELLS if cells is None else variants.parse_cells(cells),
+        conditions=conditions,
         policy_name=options.policy,
         num_envs=options.num_envs,
         announce=common.announced,
@@ -282,6 +288,8 @@ def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -
 
     if policies.reads_images(source):
         raise ConfigError(f"policy: {options.policy} reads images; analysis=sight needs one that can be told")
+    if options.policy == MAP and options.benchmark.task == "fetch":
+        raise ConfigError(f"policy: {MAP} drives and picks nothing; a fetch needs a policy of task=nav")
     result = analysis.analyse_sight(
         options.benchmark,
         source.make,
@@ -291,6 +299,7 @@ def _analyse_sight(options: Options, source: policies.PolicySource, task: Any) -
         options.seeds,
         options.device,
         policy_name=options.policy,
+        pick_name=source.names.get("pick"),
         num_envs=options.num_envs,
         announce=common.announced,
     )

@@ -12,7 +12,7 @@ from spin_rl.machine import num_cores
 from spin_rl.reproduce.plan import read_steps
 from spin_rl.reproduce.run import Runner
 from spin_rl.reproduce.tables import table as tables
-from spin_rl.reproduce.tables.registry import TABLES
+from spin_rl.reproduce.tables.registry import PLANS, TABLES
 from spin_rl.reproduce.tables.stored import Stored
 from spin_rl.tasks.common.compose import compose
 
@@ -35,7 +35,7 @@ def show(call: common.Call) -> bool:
         ConfigError: A result is missing; one line with the command that makes it. Or an option does not fit.
     """
     options = read_options(call)
-    settings = compose("reproduce")
+    settings = compose("reproduce", [f"plan={PLANS[options.table]}"])
     steps = read_steps(settings["plan"], Path(settings["runs"]))
     stored = Stored(steps, options.table)
     table = TABLES[options.table](stored)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from spin_rl import __version__, robot
+from spin_rl.benchmark.settings import refuse_camera_actions
 from spin_rl.config import ConfigError, from_mapping
 from spin_rl.deploy import contract as parts
 from spin_rl.deploy.contract import Contract
@@ -43,6 +44,7 @@ def describe(policy: TrainedPolicy, units: int, pilot: Mapping[str, Any] | None 
     config, metadata = policy.config, policy.metadata
     if not config:
         raise ConfigError(f"policy: {policy.name} does not say how it was trained")
+    refuse_camera_actions(config, "an exported policy")
     task, names = config["task"], tuple(metadata["obs_groups"])
     guard, planner, shapes = describe_pilot(task | (pilot or {}))
     reads_images = any(is_depth(name) for name in names)

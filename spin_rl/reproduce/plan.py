@@ -1,4 +1,4 @@
-"""What is to be trained and measured: the section `plan` of conf/reproduce.yaml, as steps in order."""
+"""What is to be trained and measured: a file of conf/plan, as steps in order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from spin_rl.config import ConfigError, Range, from_mapping
 from spin_rl.ranges import Seed
 
 REACH = "reach"
-"""Kind of results that every training gets."""
+"""Kind of results that every training gets unless its group says otherwise."""
+PAPER = "paper"
+"""Name of the plan that is there without a choice."""
 
 _NAME = re.compile(r"\{([\w-]+)\}")
 _EnvSteps = Annotated[int, Range(1, 10**12)]
@@ -57,21 +59,32 @@ class EvaluationEntry:
 
 
 @dataclass(frozen=True)
+class Measure:
+    """How the trainings of a group are measured; `kind` is a folder of the results."""
+
+    kind: str = REACH
+    arguments: tuple[str, ...] = (f"benchmark={REACH}",)
+    minutes: _PositiveMinutes = 3.0
+
+
+@dataclass(frozen=True)
 class Group:
-    """Trainings and evaluations that carry a claim of the paper."""
+    """Trainings and evaluations that carry a claim."""
 
     name: str
     claim: str
+    measure: Measure = field(default_factory=Measure)
     trainings: tuple[TrainingEntry, ...] = ()
     evaluations: tuple[EvaluationEntry, ...] = ()
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The section of the configuration."""
+    """The file; `name` is its own."""
 
     budgets: dict[str, Any]
     groups: tuple[Any, ...]
+    name: str = PAPER
 
 
 @dataclass(frozen=True)
@@ -119,10 +132,12 @@ class Steps:
     Attributes:
         by_name: The steps; what one needs comes before it.
         runs: Folder of the runs.
+        plan: Name of the plan.
     """
 
     by_name: dict[str, Step]
     runs: Path = field(default=Path("runs/reproduce"))
+    plan: str = PAPER
 
     def run_dir(self, training: str) -> Path:
         """Folder of a training's run."""
@@ -162,7 +177,7 @@ def read_steps(values: Mapping[str, Any], runs: Path = Path("runs/reproduce")) -
     """Read the plan.
 
     Args:
-        values: The section `plan`.
+        values: The file's, nested.
         runs: Folder of the runs.
 
     Raises:
@@ -179,7 +194,7 @@ def read_steps(values: Mapping[str, Any], runs: Path = Path("runs/reproduce")) -
             if step.name in steps:
                 raise ConfigError(f"{where}: {step.name} is there twice")
             steps[step.name] = step
-    result = Steps(steps, runs)
+    result = Steps(steps, runs, plan.name)
     before: set[str] = set()
     for step in steps.values():
         for name in result.needs(step):
@@ -217,8 +232,11 @@ def _steps_of(group: Group, budgets: Mapping[str, Budget], where: str) -> Iterab
             measured += [name] if entry.evaluate else []
     yield from trainings
     for name in measured:
-        arguments = (f"policy={{{name}}}", f"benchmark={REACH}")
-        yield Evaluation(f"{REACH}/{name}", "eval", arguments, 3.0, group.claim, group.name)
+        measure = group.measure
+        arguments = (f"policy={{{name}}}", *measure.arguments)
+        yield Evaluation(
+            f"{measure.kind}/{name}", "eval", arguments, measure.minutes, group.claim, group.name
+        )
     for entry in group.evaluations:
         yield Evaluation(
             f"{entry.kind}/{entry.name}",

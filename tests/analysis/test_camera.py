@@ -17,6 +17,7 @@ from spin_rl.benchmark.metrics import ReachEpisodes
 from spin_rl.benchmark.reach import Cell, run_cells
 from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
+from spin_rl.planning.solvability import scene_params
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.nav.config import NavConfig
@@ -95,7 +96,12 @@ def test_sweep_has_every_pose_once_and_names_fixcam():
         "tilt -1.30 (FixCam II)", "blind control",
     ]  # fmt: skip
     assert variants[-1].kind == "blind" and variants[-1].pose == BLIND
-    assert all(variant.kind == "fixed" for variant in camera_variants.held_variants([], None))
+    assert all(variant.kind == "fixed" for variant in camera_variants.held_variants([-0.2], None))
+
+
+def test_the_freeze_test_is_alone_without_a_sweep():
+    assert camera_variants.held_variants([], None) == []
+    assert [variant.kind for variant in camera_variants.held_variants([], BLIND)] == ["blind"]
 
 
 def test_never_seen_share_is_of_obstacles_only():
@@ -217,6 +223,27 @@ def test_zero_policy_with_held_cameras(device, tmp_path):
     pytest.importorskip("matplotlib")
     camera_report.plot(result, tmp_path / "new" / "camera.png")
     assert (tmp_path / "new" / "camera.png").stat().st_size > 10_000
+
+
+def test_places_are_paired_like_corridors(device):
+    cfg = NavConfig(scene=scene_params("shuttle"), robot_profile="reversing", slack_s=1.5, slowness=0.01)
+    result = camera.analyse_camera(
+        policies.open_policy("zero").make,
+        cfg,
+        episodes=2,
+        seeds=[0],
+        device=device,
+        held=[],
+        conditions=camera.places(cfg),
+        report=lambda line: None,
+    )
+    assert result["benchmark"] == "rooms" and result["cells"] == [{"family": "shuttle"}]
+    own, frozen = result["variants"]
+    assert own["rows"][0]["family"] == "shuttle" and own["rows"][0]["episodes"] == 2
+    assert frozen["kind"] == "frozen" and frozen["difference"]["mean"] == 0.0
+    assert camera_report.table(result).splitlines()[3].split()[1] == "shuttle"
+    with pytest.raises(ConfigError, match=r"^scene: benchmark=rooms needs"):
+        camera.places(NavConfig())
 
 
 def test_no_mean_pose_without_a_long_enough_episode():

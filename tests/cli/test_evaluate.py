@@ -61,7 +61,10 @@ def run_main(monkeypatch, *arguments):
             ["policy=pick-teacher", "benchmark=fetch"],
             "policy: pick-teacher was trained with task=pick; a fetch needs one of task=nav",
         ),
-        (["policy=zero", "benchmark=fetch", "camera=fixcam_IV"], "task.camera_pose: the camera cannot"),
+        (
+            ["policy=zero", "benchmark=fetch", "task.camera_pose=[0,2]"],
+            "task.camera_pose: 2.0 is outside the limits of head_tilt",
+        ),
         (["policy=zero", "backend=gazebo"], "backend: unknown 'gazebo'; choose from mujoco"),
         (["policy=zero", "backend=mujoco"], "policy: zero cannot be exported"),
         (["policy=zero", "processes=2"], "processes: needs backend=mujoco"),

@@ -39,7 +39,7 @@ def run_main(monkeypatch, *arguments):
         ("num_envs=many", "num_envs: expected a whole number from 1 on, got 'many'"),
         ("run_dir=file/inside", "file"),
         ("+runner.algorithm.learning_speed=1.0", "algorithm.learning_speed"),
-        ("+camera.tilt=1", "camera: has no settings of its own; choose camera=fixcam_I or"),
+        ("+camera.tilt=1", "camera: has no settings of its own; choose camera=blind or fixcam_I or"),
         ("--num_envs=16", "--num_envs=16: unknown flag; settings are key=value, without dashes"),
         ("--bogus", "--bogus: unknown flag"),
         ("=5", "=5: expected key=value"),

@@ -10,6 +10,7 @@ from spin_rl.reproduce import state
 from spin_rl.reproduce.listing import progress
 from spin_rl.reproduce.plan import Evaluation, Training, read_steps
 from spin_rl.reproduce.run import iterations
+from spin_rl.reproduce.tables.stored import Stored
 from spin_rl.runners.config import check_config
 from spin_rl.tasks.common.compose import compose, with_depth
 from spin_rl.tasks.registry import find_task
@@ -185,6 +186,18 @@ def test_list_tells_states_and_the_time_that_is_left(steps):
     assert lines[3].split()[:2] == ["first-2", "partial"]
     # Half of the second training, two more, and three evaluations of three minutes.
     assert lines[-1] == "1 of 7 steps done; about 34 min left, 1 at a time"
+
+
+def test_a_group_may_be_measured_in_another_way(tmp_path, monkeypatch):
+    monkeypatch.setattr(state, "RESULT_DIR", tmp_path)
+    measure = {"kind": "places", "arguments": ["benchmark=rooms", "scene=room"], "minutes": 7}
+    group = {"name": "g", "claim": "c", "measure": measure, "trainings": [{"name": "a", "seeds": [1]}]}
+    steps = read_steps(SMALL | {"name": "other", "groups": [group]}, tmp_path)
+    step = steps.by_name["places/a-1"]
+    assert isinstance(step, Evaluation) and step.minutes == 7
+    assert steps.arguments(step) == [f"policy={tmp_path}/a-1", "benchmark=rooms", "scene=room"]
+    with pytest.raises(ConfigError, match=r"spin-reproduce plan=other run=true only=places/a-1$"):
+        Stored(steps, "t").of_trainings("places", "a")
 
 
 def test_tables_take_no_other_settings(monkeypatch, capfd):

@@ -29,6 +29,7 @@ def test_the_groups_are_those_of_the_environment(name, device):
     spec = TASKS[name]
     optional = ["map", "lidar"] if name == "nav" else []
     enabled = [f"task.{sensor}.enabled=true" for sensor in ("depth", *optional)]
+    enabled += ["task.teach_gaze=true"] if name == "nav" else []
     cfg = spec.configure(compose("eval", [f"task={name}", *enabled]))
     env = spec.make_env(cfg, 2, device, 0)
     assert sorted(env.get_observations().keys()) == sorted(spec.groups)

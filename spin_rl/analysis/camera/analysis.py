@@ -1,4 +1,4 @@
-"""What a policy's camera motion is worth: the same corridors with its own, a frozen, and a useless camera."""
+"""What a policy's camera motion is worth: the same places with its own, a frozen, and a useless camera."""
 
 from __future__ import annotations
 
@@ -13,10 +13,50 @@ from spin_rl.analysis.hits import Hit, summarize_hits
 from spin_rl.analysis.watch import SETTLING_S, CameraMotion, WatchedPolicy
 from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, paired_difference, summarize
 from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
-from spin_rl.benchmark.rounds import SEED_OFFSET, check_counts, one_batch
+from spin_rl.benchmark.rooms import families_of, run_families
+from spin_rl.benchmark.rounds import SEED_OFFSET, Report, check_counts, one_batch
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """The conditions of a benchmark.
+
+    Attributes:
+        benchmark: Its name.
+        rows: What names each of them in a row of results.
+        run: Runs a number of episodes of each: environment, policy, number, and by keyword `report`.
+    """
+
+    benchmark: str
+    rows: tuple[dict[str, Any], ...]
+    run: Callable[..., Sequence[ReachEpisodes]]
+
+
+def corridors(cells: Sequence[Cell] = REACH_CELLS) -> Conditions:
+    """Cells of the reach benchmark."""
+    rows = tuple({"scenario": cell.scenario, "difficulty": cell.difficulty} for cell in cells)
+    return Conditions(
+        "reach",
+        rows,
+        lambda env, policy, episodes, report: run_cells(env, policy, cells, episodes, report=report),
+    )
+
+
+def places(cfg: NavConfig) -> Conditions:
+    """The families of the rooms benchmark that have a share in a configuration's scene.
+
+    Raises:
+        ConfigError: The scenes are not of families.
+    """
+    families = families_of(cfg)
+    return Conditions(
+        "rooms",
+        tuple({"family": family} for family in families),
+        lambda env, policy, episodes, report: run_families(env, policy, families, episodes, report=report),
+    )
 
 
 @dataclass
@@ -25,7 +65,7 @@ class Measured:
 
     Attributes:
         variant: The variant.
-        cells: Episodes of every cell, in the same order of corridors for all variants.
+        cells: Episodes of every condition, in the same order of places for all variants.
         motion: Statistics of pan and tilt, None where no episode was long enough.
         hits: All collisions.
     """
@@ -44,7 +84,7 @@ def analyse_camera(
     device: str,
     *,
     held: Sequence[Variant],
-    cells: Sequence[Cell] = REACH_CELLS,
+    conditions: Conditions | None = None,
     policy_name: str = "policy",
     num_envs: int | None = None,
     announce: Callable[[str], contextlib.AbstractContextManager[Any]] | None = None,
@@ -52,32 +92,34 @@ def analyse_camera(
 ) -> dict[str, Any]:
     """Run a policy with its own camera, with the camera held at its own mean pose, and at given poses.
 
-    Corridors, start poses and goals are the same for all variants, and so are the camera's start pose and the
+    Places, start poses and goals are the same for all variants, and so are the camera's start pose and the
     pose that it is held at. All episodes of a seed run at once, since only first episodes can be paired.
 
     Args:
         make_policy: Makes the policy once observations exist.
         cfg: Task configuration; its scenario and difficulty are set per world.
-        episodes: Episodes per cell and seed.
-        seeds: Seeds of corridors, start poses and goals, all different.
+        episodes: Episodes per condition and seed.
+        seeds: Seeds of places, start poses and goals, all different.
         device: "cpu" or "cuda:N".
         held: Further variants, all with a pose.
-        cells: Conditions of the benchmark.
+        conditions: Of the benchmark; None takes all corridors.
         policy_name: For the result.
         num_envs: Most worlds at once; must hold all episodes of a seed.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
 
     Returns:
-        `policy`, `benchmark` ("reach"), `analysis` ("camera"), `variants` (see `describe`; first the own
-        camera, then the one frozen at its mean pose), and the settings of the measurement.
+        `policy`, `benchmark`, `analysis` ("camera"), `cells` (names of the conditions), `variants` (see
+        `describe`; first the own camera, then the one frozen at its mean pose), and the settings of the
+        measurement.
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, too few worlds, or a pose beyond the limits.
         ValueError: No episode was long enough to tell the camera's mean pose.
     """
     check_counts(episodes, seeds, num_envs)
-    nworld = one_batch(len(cells) * episodes, num_envs)
+    conditions = conditions or corridors()
+    nworld = one_batch(len(conditions.rows) * episodes, num_envs)
     for variant in held:
         check_pose(variant)
     start = time.monotonic()
@@ -97,7 +139,7 @@ def analyse_camera(
             env = NavEnv(task, nworld, device)
         if policy is None:
             policy = make_policy(env.get_observations(), device)
-        return run_variant(policy, env, variant, cells, episodes, seeds, report)
+        return run_variant(policy, env, variant, conditions, episodes, seeds, report)
 
     own = measure(1, Variant("own camera", "own"))
     measured = [own]
@@ -105,10 +147,10 @@ def analyse_camera(
         measured.append(measure(number, variant))
     return {
         "policy": policy_name,
-        "benchmark": "reach",
+        "benchmark": conditions.benchmark,
         "analysis": "camera",
-        "cells": [{"scenario": cell.scenario, "difficulty": cell.difficulty} for cell in cells],
-        "variants": [describe(result, own, cells, cfg.sim.control_period) for result in measured],
+        "cells": list(conditions.rows),
+        "variants": [describe(result, own, conditions.rows, cfg.sim.control_period) for result in measured],
         "seeds": list(seeds),
         "episodes_per_seed": episodes,
         "num_envs": nworld,
@@ -125,10 +167,10 @@ def run_variant(
     policy: Policy,
     env: NavEnv,
     variant: Variant,
-    cells: Sequence[Cell],
+    conditions: Conditions,
     episodes: int,
     seeds: Sequence[int],
-    report: Callable[[str], None],
+    report: Report,
 ) -> Measured:
     """Run one variant in an environment with one world per episode of a seed.
 
@@ -136,7 +178,7 @@ def run_variant(
         policy: The policy.
         env: Environment whose camera is as the variant says.
         variant: The variant.
-        cells: Conditions of the benchmark.
+        conditions: Of the benchmark.
         episodes: Episodes per cell and seed.
         seeds: Seeds.
         report: Receives lines of progress.
@@ -146,8 +188,8 @@ def run_variant(
     for seed in seeds:
         env.reseed(SEED_OFFSET + seed)
         per_seed.append(
-            run_cells(
-                env, watched, cells, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
+            conditions.run(
+                env, watched, episodes, report=lambda line, seed=seed: report(f"  seed {seed}: {line}")
             )
         )
     joined = [Episodes.concatenate(list(groups)) for groups in zip(*per_seed, strict=True)]
@@ -166,17 +208,19 @@ def frozen_at_mean(own: Measured) -> Variant:
     return Variant("frozen at own mean", "frozen", pose)
 
 
-def describe(result: Measured, own: Measured, cells: Sequence[Cell], control_period: float) -> dict[str, Any]:
+def describe(
+    result: Measured, own: Measured, conditions: Sequence[dict[str, Any]], control_period: float
+) -> dict[str, Any]:
     """Turn a variant's measurement into the entry of the result.
 
     Returns:
-        `name`, `kind`, `camera_pose` (None for the policy's own), `rows` as in `reach.evaluate_reach`,
-        `mean_success` over the cells, `difference` (None for the first variant, see `paired_difference`),
+        `name`, `kind`, `camera_pose` (None for the policy's own), `rows` as in the benchmark's result,
+        `mean_success` over them, `difference` (None for the first variant, see `paired_difference`),
         `camera` (`pan` and `tilt`, see `CameraMotion`, or None) and `hits` (see `summarize_hits`).
     """
     rows = [
-        {"scenario": cell.scenario, "difficulty": cell.difficulty} | summarize(group, control_period)
-        for cell, group in zip(cells, result.cells, strict=True)
+        condition | summarize(group, control_period)
+        for condition, group in zip(conditions, result.cells, strict=True)
     ]
     pose = result.variant.pose
     return {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from spin_rl.analysis.episodes import condition_of
 from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables import reach as report
 from spin_rl.scenes.kinds import DIFFICULTIES
@@ -19,11 +20,19 @@ def table(result: dict[str, Any]) -> str:
         f"(seeds {seeds}), robot {result['robot']}, camera {result['camera_mount']}"
         f"{report.conditions_note(result)}"
     )
-    cells = [f"{cell['scenario']} {cell['difficulty']}" for cell in result["cells"]]
-    header = ["camera", *cells, "mean", "to own", "95%", "won/lost", "obstacle hits", "never seen"]
+    header = [
+        "camera",
+        *map(condition_of, result["cells"]),
+        "mean",
+        "to own",
+        "95%",
+        "won/lost",
+        "obstacle hits",
+        "never seen",
+    ]
     lines = report.align([header, *(_line(variant) for variant in variants)])
     notes = (
-        "to own: paired difference of the mean success, same corridors; won/lost: corridors that only "
+        "to own: paired difference of the mean success, same places; won/lost: places that only "
         "this or only the own camera solved",
         "never seen: share of the obstacle hits where no corner of the obstacle had been visible before",
     )
@@ -92,9 +101,9 @@ def plot(result: dict[str, Any], path: Path) -> None:
     tilts = [v["camera_pose"][1] for v in sweep]
     for i, cell in enumerate(result["cells"]):
         rates = [v["rows"][i]["success_rate"] for v in sweep]
-        label = f"scenario {cell['scenario']}, {cell['difficulty']}"
-        style = "-" if cell["scenario"] == 1 else "--"
-        color = f"C{DIFFICULTIES.index(cell['difficulty'])}"
+        label = condition_of(cell)
+        style = "--" if cell.get("scenario") == 2 else "-"
+        color = f"C{DIFFICULTIES.index(cell['difficulty']) if 'difficulty' in cell else i}"
         axes.plot(tilts, rates, style, color=color, linewidth=0.8, alpha=0.7, label=label)
     axes.errorbar(
         tilts,

@@ -34,13 +34,13 @@ def held_variants(tilts: Sequence[float], blind: Sequence[float] | None) -> list
     """List the poses to hold the camera at: a sweep of tilts at pan 0, the FixCam poses, and the control.
 
     Args:
-        tilts: Tilts of the sweep [rad].
+        tilts: Tilts of the sweep [rad]; none leave out the FixCam poses too, for the freeze test alone.
         blind: Pan and tilt [rad] that show nothing of use: a policy that succeeds there does not look.
 
     Returns:
         Variants from the highest to the lowest tilt, each pose once, then the control.
     """
-    named = fixcam_poses()
+    named = fixcam_poses() if tilts else {}
     poses = sorted({*named, *((0.0, float(tilt)) for tilt in tilts)}, key=lambda pose: (-pose[1], pose[0]))
     result = []
     for pan, tilt in poses:

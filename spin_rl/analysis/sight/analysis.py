@@ -12,6 +12,7 @@ from spin_rl import robot
 from spin_rl.analysis.episodes import condition_of
 from spin_rl.analysis.sight import judge
 from spin_rl.analysis.sight.driver import MapDriver, SeesAll
+from spin_rl.analysis.sight.fetches import FetchWatch, fetch_groups
 from spin_rl.analysis.sight.heads import Poses
 from spin_rl.analysis.sight.options import MAP, SightOptions
 from spin_rl.analysis.sight.record import SightWatch
@@ -20,33 +21,32 @@ from spin_rl.benchmark.registry import Benchmark
 from spin_rl.benchmark.rounds import Announce, Report
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.tasks.common import episode
-from spin_rl.tasks.nav.config import NavConfig
-from spin_rl.tasks.nav.env import NavEnv
 
 
 def analyse_sight(
     benchmark: Benchmark,
     make_policy: PolicyFactory,
-    cfg: NavConfig,
+    cfg: Any,
     options: SightOptions,
     episodes: int,
     seeds: Sequence[int],
     device: str,
     *,
     policy_name: str,
+    pick_name: str | None = None,
     num_envs: int | None = None,
     announce: Announce | None = None,
     report: Report = print,
 ) -> dict[str, Any]:
-    """Drive a benchmark's episodes once and tell which cameras would have seen in time what was in the way.
+    """Run a benchmark's episodes once and tell which cameras would have seen in time what was in the way.
 
     An obstacle is decisive if the robot, going on at its speeds of some moment, would have come nearer to it
     than `near_m` within `lead_s`. It counted when that was so for the first time, or before that, as long as
     braking would have helped. It was seen if one of its corners had been shown by then, with nothing of scene
-    and robot in between, and is still known.
+    and robot in between, and is still known. In a fetch the object counts too, see `fetches.object_events`.
 
     Args:
-        benchmark: One of the navigation task.
+        benchmark: One of the navigation task, or the fetch.
         make_policy: Makes the policy that drives; not used where `policy_name` is `MAP`.
         cfg: Task configuration; `MapDriver` drives through what it touches.
         options: Head poses and criterion.
@@ -54,13 +54,15 @@ def analyse_sight(
         seeds: Seeds, all different.
         device: "cpu" or "cuda:N".
         policy_name: Whose driving it was.
+        pick_name: Whose picking, in a fetch.
         num_envs: Most worlds at once; must hold all episodes of a seed.
         announce: Context manager factory around work that may compile kernels.
         report: Receives lines of progress.
 
     Returns:
         The benchmark's result; with `analysis` ("sight"), `groups` (see `describe`, one for each family of
-        places or one for all corridors), and the settings of the measurement.
+        places, one for all corridors, or those of `fetches.fetch_groups`), and the settings of the
+        measurement.
 
     Raises:
         ConfigError: Too few worlds, head poses beyond their limits, or whatever the benchmark refuses.
@@ -69,11 +71,15 @@ def analyse_sight(
     is_map = policy_name == MAP
     if is_map:
         cfg = replace(cfg, stop_on_collision=False, sim=replace(cfg.sim, kinematic=True))
-    watches: list[SightWatch] = []
+    watches: list[Any] = []
+    settings: dict[str, Any] = {"lead_s": options.lead_s, "near_m": options.near_m}
 
-    def watch(env: NavEnv, policy: Policy, seed: int) -> Policy:
-        driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
-        watches.append(SightWatch(driver, env, poses, lead_s=options.lead_s, near_m=options.near_m))
+    def watch(env: Any, policy: Policy, seed: int) -> Policy:
+        if pick_name is not None:  # told of all obstacles, policies that learned to see them fetch nothing
+            watches.append(FetchWatch(policy, env, poses, **settings))
+        else:
+            driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
+            watches.append(SightWatch(driver, env, poses, **settings))
         return watches[-1]
 
     result = benchmark.evaluate(
@@ -83,32 +89,45 @@ def analyse_sight(
         seeds,
         device,
         policy_name=policy_name,
+        **({} if pick_name is None else {"pick_name": pick_name}),
         num_envs=num_envs,
         announce=announce,
         report=report,
         watch=watch,
     )
-    period = cfg.sim.control_period
-    parts = []
     for watched in watches:
         watched.finish()
-        parts += [judge.find_events(record, len(poses), options, period) for record in watched.records]
-    events = judge.join(parts)
-    # Conditions take turns over the worlds of a batch, and every seed is one.
-    names = [condition_of(row) for row in result["rows"]]
-    worlds = np.arange(events.worlds) % (episodes * len(names)) % len(names)
-    groups = {name: worlds == i for i, name in enumerate(names)}
-    if benchmark.name != "rooms":
-        groups = {"corridors": worlds >= 0}
+    period = cfg.sim.control_period
+    if pick_name is None:
+        groups = _groups_of_drives(result, watches, len(poses), options, period)
+    else:
+        groups = fetch_groups(watches, len(poses), options, period)
     travel = np.ceil(poses.travel_s(robot.SPEED_PROFILES[cfg.robot_profile]) / period - 1e-9).astype(int)
     return result | {
         "analysis": "sight",
         "sight": asdict(options),
         "groups": [
-            {"name": name} | describe(judge.of_worlds(events, np.flatnonzero(mask)), poses, travel, period)
-            for name, mask in groups.items()
+            {"name": name} | describe(events, poses, travel, period) for name, events in groups.items()
         ],
     }
+
+
+def _groups_of_drives(
+    result: dict[str, Any], watches: list[SightWatch], num_poses: int, options: SightOptions, period: float
+) -> dict[str, judge.Events]:
+    """Events of each family of places, or of all corridors."""
+    parts = [
+        judge.find_events(record, num_poses, options, period)
+        for watched in watches
+        for record in watched.records
+    ]
+    events = judge.join(parts)
+    if result["benchmark"] != "rooms":
+        return {"corridors": events}
+    # Conditions take turns over the worlds of a batch, and every seed is one.
+    names = [condition_of(row) for row in result["rows"]]
+    worlds = np.arange(events.worlds) % (result["episodes_per_seed"] * len(names)) % len(names)
+    return {name: judge.of_worlds(events, np.flatnonzero(worlds == i)) for i, name in enumerate(names)}
 
 
 def describe(events: judge.Events, poses: Poses, travel: np.ndarray, period: float) -> dict[str, Any]:

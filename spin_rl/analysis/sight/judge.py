@@ -66,15 +66,19 @@ def find_events(record: Record, num_poses: int, options: SightOptions, period: f
     in_time = ~record.too_late[:, world, slot] & (np.arange(len(record.pos))[:, None] <= first)
     # The last of them; the very first observation where there is none.
     step = np.where(in_time.any(axis=0), len(in_time) - 1 - in_time[::-1].argmax(axis=0), 0)
-    words = record.shown[:, world, slot]
-    bits = np.unpackbits(np.ascontiguousarray(words).view(np.uint8), axis=-1, bitorder="little")
-    shows = bits[..., :num_poses].astype(bool).transpose(1, 0, 2)
+    shows = bits_of(record.shown[:, world, slot], num_poses).transpose(1, 0, 2)
     pos = record.pos[:, world, slot].transpose(1, 0, 2)
     when = np.arange(len(record.pos))
     moved = np.linalg.norm(pos - pos[np.arange(len(step)), step][:, None], axis=-1)
     late = step[:, None] - when
     known = (late >= 0) & ((moved <= options.moved_m) | (late * period <= options.fresh_s + 1e-9))
     return Events(world, step, shows & known[..., None], record.running.shape[1])
+
+
+def bits_of(words: np.ndarray, count: int) -> np.ndarray:
+    """The first bits of words, (..., words) uint32 -> (..., count) bool; see `sight.look`."""
+    bits = np.unpackbits(np.ascontiguousarray(words).view(np.uint8), axis=-1, bitorder="little")
+    return bits[..., :count].astype(bool)
 
 
 def held(events: Events) -> np.ndarray:
@@ -173,6 +177,16 @@ def join(parts: list[Events]) -> Events:
         np.concatenate([part.step for part in parts]),
         np.concatenate(padded),
         int(first[-1]),
+    )
+
+
+def together(parts: list[Events]) -> Events:
+    """Put different events of the same episodes together, each as long as the first ones."""
+    return Events(
+        np.concatenate([part.world for part in parts]),
+        np.concatenate([part.step for part in parts]),
+        np.concatenate([part.shows for part in parts]),
+        parts[0].worlds,
     )
 
 

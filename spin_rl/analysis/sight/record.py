@@ -16,6 +16,7 @@ from spin_rl.analysis.sight.heads import Poses, make_body, make_heads
 from spin_rl.policy import Policy
 from spin_rl.scenes.course import find_touched
 from spin_rl.tasks.common.proprioception import joints
+from spin_rl.tasks.fetch.env import FetchEnv
 from spin_rl.tasks.nav.env import NavEnv
 from spin_rl.warp_kernels.sight import BITS, look
 from spin_rl.warp_kernels.slots import slots_of
@@ -56,7 +57,9 @@ _SHAPES = ("pos", "yaw", "half_size", "active")
 class SightWatch:
     """Passes a policy through and records the first episode of every world after each full reset."""
 
-    def __init__(self, policy: Policy, env: NavEnv, poses: Poses, *, lead_s: float, near_m: float) -> None:
+    def __init__(
+        self, policy: Policy, env: NavEnv | FetchEnv, poses: Poses, *, lead_s: float, near_m: float
+    ) -> None:
         """Watch a policy in an environment that only it acts in.
 
         Args:

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from spin_rl.deferred import Deferred
+from spin_rl.reproduce.plan import PAPER
 
 if TYPE_CHECKING:
     from spin_rl.reproduce.tables.stored import Stored
@@ -25,6 +26,11 @@ TABLES: Mapping[str, Callable[[Stored], Table]] = MappingProxyType(
         "visibility": _make("visibility", "visibility"),
         "dynamic": _make("dynamic", "dynamic"),
         "depth": _make("depth", "depth"),
+        "active_camera": _make("active_camera", "active_camera"),
     }
 )
 """Value of `table=` -> what makes the table of stored results."""
+PLANS: Mapping[str, str] = MappingProxyType(
+    {name: PAPER for name in TABLES} | {"active_camera": "active_camera"}
+)
+"""Value of `table=` -> the plan whose results it shows, a file of conf/plan."""

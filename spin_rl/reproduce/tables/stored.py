@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from spin_rl.config import ConfigError
-from spin_rl.reproduce.plan import REACH, Evaluation, Steps
+from spin_rl.reproduce.plan import PAPER, REACH, Evaluation, Steps
 from spin_rl.reproduce.state import read_result, state_of
 from spin_rl.reproduce.tables.rates import Rate
 
@@ -39,8 +39,7 @@ class Measured:
     def rows(self, cell: Cell | None = None) -> list[list[Mapping[str, Any]]]:
         """Rows of a cell of the reach benchmark, or of all, of each training."""
         return [
-            [row for row in result["result"]["rows"] if cell in (None, (row["scenario"], row["difficulty"]))]
-            for result in self.results
+            [row for row in result["result"]["rows"] if cell in (None, _cell(row))] for result in self.results
         ]
 
     def rate(self, *cells: Cell) -> Rate:
@@ -66,7 +65,12 @@ class Measured:
 
     def _of(self, cells: tuple[Cell, ...]) -> Iterator[list[Mapping[str, Any]]]:
         for rows in self.rows():
-            yield [row for row in rows if not cells or (row["scenario"], row["difficulty"]) in cells]
+            yield [row for row in rows if not cells or _cell(row) in cells]
+
+
+def _cell(row: Mapping[str, Any]) -> tuple[Any, Any]:
+    """The cell of a row of the reach benchmark, nothing of the others."""
+    return row.get("scenario"), row.get("difficulty")
 
 
 @dataclass
@@ -84,7 +88,11 @@ class Stored:
     used: list[Evaluation] = field(default_factory=list)
 
     def reach(self, name: str) -> Measured:
-        """Results of the reach benchmark of all trainings of a name.
+        """Results of the reach benchmark of all trainings of a name; see `of_trainings`."""
+        return self.of_trainings(REACH, name)
+
+    def of_trainings(self, kind: str, name: str) -> Measured:
+        """Results of a kind of all trainings of a name.
 
         Raises:
             ConfigError: One is missing; one line with the command that makes it.
@@ -92,7 +100,7 @@ class Stored:
         found = [
             step
             for step in self.steps.by_name.values()
-            if isinstance(step, Evaluation) and step.name.rpartition("-")[0] == f"{REACH}/{name}"
+            if isinstance(step, Evaluation) and step.name.rpartition("-")[0] == f"{kind}/{name}"
         ]
         if not found:
             raise ConfigError(f"table: {self.table} needs trainings {name}, which the plan does not have")
@@ -110,8 +118,10 @@ class Stored:
         status = state_of(self.steps, step).status
         if status != "done":
             what = "there is no" if status == "missing" else "the plan has changed since"
+            plan = "" if self.steps.plan == PAPER else f"plan={self.steps.plan} "
             raise ConfigError(
-                f"table: {what} result {name}, which {self.table} needs: spin-reproduce run=true only={name}"
+                f"table: {what} result {name}, which {self.table} needs: "
+                f"spin-reproduce {plan}run=true only={name}"
             )
         self.used.append(step)
         stored = read_result(name)
@@ -119,8 +129,8 @@ class Stored:
         return stored
 
 
-def budget_note(methods: list[Measured]) -> str:
-    """Say what trainings had alike: samples, time, processes, machines and code."""
+def budget_note(methods: list[Measured], how: str = "trained from scratch") -> str:
+    """Say what trainings had alike: samples, time, processes, machines and code; `how` they were trained."""
     trainings = [training for method in methods for training in method.trainings]
     whole = [_whole(training) for training in trainings]
     steps = sorted({round(facts["env_steps"] / 1e6, 1) for facts in whole})
@@ -130,7 +140,7 @@ def budget_note(methods: list[Measured]) -> str:
     commits = known(commit for training in trainings for commit in training["commits"])
     seeds = sorted({training["seed"] for training in trainings})
     return (
-        f"trained from scratch for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
+        f"{how} for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
         f"processes of each: {_span(processes)}, {'; '.join(machines)}, seeds {_listed(seeds)}, "
         f"commits {commits}"
     )

@@ -246,6 +246,11 @@ class TaskEnv(VecEnv):
     def _before_step(self) -> None:
         """Keep what the step will overwrite and rewards need."""
 
+    def _set_camera(self, action: torch.Tensor) -> None:
+        """Replace the camera's actions, a view of shape (num_envs, 2), where they are not the policy's."""
+        if self._camera_action is not None:
+            action[:] = self._camera_action
+
     def _transition(self, action: torch.Tensor) -> Transition:
         """Describe the step that was made with an action, shape (num_envs, 10)."""
         raise NotImplementedError
@@ -336,8 +341,7 @@ class TaskEnv(VecEnv):
         self._last_action.copy_(action_view)
         self._before_step()
         action_view.copy_(actions.clamp(-1.0, 1.0))
-        if self._camera_action is not None:
-            action_view[:, -len(robot.CAMERA_JOINTS) :] = self._camera_action
+        self._set_camera(action_view[:, -len(robot.CAMERA_JOINTS) :])
         # A world with a non-finite action is reset; its reward shall be finite.
         action = action_view.nan_to_num(0.0)
         self._graph.replay()

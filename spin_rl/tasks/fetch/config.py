@@ -96,7 +96,5 @@ class FetchConfig(GraspConfig, CorridorConfig):
             raise ValueError(f"task.carry_moves: {unknown[0]!r} is not one of {', '.join(CARRY_JOINTS)}")
         if not 0.45 <= self.carry_lift_m <= 1.0:
             raise ValueError(f"task.carry_lift_m must be in [0.45, 1.0], got {self.carry_lift_m}")
-        if self.camera_pose is not None:
-            raise ValueError("task.camera_pose: the camera cannot be frozen in a fetch")
         if self.reward:
             raise ValueError(f"reward.{min(self.reward)}: a fetch has no reward")

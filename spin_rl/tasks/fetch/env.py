@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 import warp as wp
 from tensordict import TensorDict
@@ -14,6 +16,7 @@ from spin_rl.sim.drive import DriveLimits
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.corridor import CorridorEnv
+from spin_rl.tasks.common.env import with_camera_at
 from spin_rl.tasks.common.objects.choice import ObjectChoice
 from spin_rl.tasks.common.objects.sight import Sight
 from spin_rl.tasks.common.rules import rules_of
@@ -76,6 +79,12 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             camera_action=(),
             manipulation=cfg.manipulation,
         )
+        self._scene_params = cfg.scene
+        self._held: wp.vec2 | None = None
+        if cfg.camera_pose is not None:
+            corridor = with_camera_at(cfg.scene.corridor, cfg.camera_pose)
+            self._scene_params = replace(cfg.scene, corridor=corridor)
+            self._held = wp.vec2(*map(robot.action_of, robot.CAMERA_JOINTS, cfg.camera_pose))
         self._make_corridors(cfg)
         with wp.ScopedDevice(device):
             self._allocate(cfg)
@@ -139,7 +148,17 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             inputs=[self._drive, self._knowledge.known],
             outputs=[self._state, self.sim.action],
         )
+        if self._held is not None:
+            wp.launch(
+                fetch_script.hold_camera,
+                dim=self.num_envs,
+                inputs=[self.sim.mode, self._held],
+                outputs=[self.sim.action],
+            )
         super()._launch_step()
+
+    def _set_camera(self, action: torch.Tensor) -> None:
+        """Leave the camera's actions to the step: scripts replace them too."""
 
     def _end_episodes(self) -> None:
         sim = self.sim
@@ -164,7 +183,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         generate_fetch_scenes(
             sim.layout,
             sim.object.start,
-            self.cfg.scene,
+            self._scene_params,
             seed=self._seed,
             counter=self._layout_counter,
             mask=mask,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from spin_rl.config import ConfigError, Range
+from spin_rl.config import Choice, ConfigError, Range
 from spin_rl.planning.distance_field import GridSpec
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.lidar import LidarConfig
@@ -52,6 +52,9 @@ class GuardConfig:
         require_positive(self, "task.guard", ("lag_s", "memory_s"))
 
 
+CAMERA_ACTIONS = ("target", "rate")
+
+
 @dataclass(frozen=True)
 class PlannerConfig:
     """A planner over what was seen: the policy gets a point of the way to the goal for the goal.
@@ -92,10 +95,18 @@ class NavConfig(CorridorConfig):
     """Everything that defines the navigation task.
 
     Attributes:
+        camera_action: What the camera's two actions say: "target", where the head goes, or "rate", how fast
+            its target moves, 1 being the head's largest speed.
+        camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then
+            [s]; None lets it move. `camera_pose` goes before both.
+        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate. Not
+            with camera actions that are rates.
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
+        information_m: Distance from the base at which the reward term `information` asks whether a thing
+            had been seen [m].
         scene: Parameters of the layout generator.
         noise: Sensor noise.
         map: A noisy map as an observation group (paper, baseline Mapping).
@@ -105,10 +116,14 @@ class NavConfig(CorridorConfig):
         odometry: Errors of the odometry that comes with it.
     """
 
+    camera_action: Annotated[str, Choice(CAMERA_ACTIONS)] = "target"
+    camera_frozen_after_s: float | None = None
+    teach_gaze: bool = False
     stop_on_collision: bool = True
     slack_s: float = 10.0
     slowness: float = 3.0
     clearance_m: float = 0.15
+    information_m: float = 0.7
     reward: dict[str, float] = field(
         default_factory=lambda: {"progress": 2.0, "success": 10.0, "collision": -10.0, "time": -0.01}
     )
@@ -124,6 +139,6 @@ class NavConfig(CorridorConfig):
         """Reject impossible values with the key's name."""
         super().__post_init__()
         require_positive(self, "task", ("slowness",))
-        if self.planner.enabled and not self.guard.enabled:
-            raise ConfigError("task.planner.enabled: the planner needs task.guard.enabled=true")
+        if self.teach_gaze and self.camera_action != "target":
+            raise ValueError(f"task.teach_gaze: needs camera_action=target, not {self.camera_action}")
         check_scales(self.reward, TERMS)

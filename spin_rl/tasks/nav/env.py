@@ -8,12 +8,15 @@ import torch
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.config import ConfigError
 from spin_rl.planning.distance_field import DistanceField, GridSpec
 from spin_rl.scenes.corridors.generator import generate_layouts
 from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.scenes.rooms.generator import FamilyGenerator
 from spin_rl.scenes.rooms.params import BLOCKED_M, FamilyParams
+from spin_rl.sensors.awareness import Awareness
 from spin_rl.sensors.clearance import Clearance
+from spin_rl.sensors.gaze import Gaze
 from spin_rl.sensors.lidar import Lidar
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sensors.noisy_map import NoisyMap
@@ -24,6 +27,7 @@ from spin_rl.tasks.common.env import with_camera_at
 from spin_rl.tasks.common.episode import SUCCESS
 from spin_rl.tasks.common.rules import rules_of
 from spin_rl.tasks.nav import episode
+from spin_rl.tasks.nav.camera import CameraActions
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.guard import Guard
 from spin_rl.tasks.nav.observations import NavObservations
@@ -72,7 +76,12 @@ class NavEnv(CorridorEnv):
             scene: A fixed scene for every world and episode instead of generated ones; or several for the
                 worlds in turn: then ways and time limits are as in scene families, see `set_scenes`.
             capture: False launches kernels eagerly.
+
+        Raises:
+            ConfigError: A planner without the guard.
         """
+        if cfg.planner.enabled and not cfg.guard.enabled:  # the guard may be the policy's: not known before
+            raise ConfigError("task.planner.enabled: the planner needs task.guard.enabled=true")
         fixed = [scene] if isinstance(scene, Scene) else list(scene or ())
         super().__init__(
             cfg,
@@ -87,6 +96,7 @@ class NavEnv(CorridorEnv):
             ],
             moving=any(given.moves for given in fixed or (cfg.scene,)),
         )
+        self._camera = CameraActions(cfg, device) if cfg.camera_pose is None else None
         self._is_fixed = bool(fixed)
         self._layout_params = with_camera_at(cfg.scene, cfg.camera_pose)
         with wp.ScopedDevice(device):
@@ -102,7 +112,7 @@ class NavEnv(CorridorEnv):
         self._clearance = Clearance(self.sim, cfg.clearance_m) if needs_clearance else None
         ahead = WayAhead(self._ways, self.sim.data.qpos, self._goal)
         noisy_map = self._make_map(cfg)
-        seen = self._make_guard(cfg)
+        seen = self._make_memory(cfg)
         observations = NavObservations(
             self.sim,
             self.goal if self.planner is None else self.planner.subgoal,
@@ -116,6 +126,8 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
+        if self._gaze is not None:
+            observations.add(gaze=self._gaze.gaze)
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
@@ -123,9 +135,9 @@ class NavEnv(CorridorEnv):
             capture,
             sensors=(
                 *(self.scandots, seen, self.planner, noisy_map),
-                *(ahead, self.depth, self.lidar, self._odometry),
+                *(ahead, self.depth, self.lidar, self._odometry, self._gaze),
             ),
-            step_sensors=(self._clearance,),
+            step_sensors=(self._clearance, self._awareness),
         )
 
     def _make_ways(self, cfg: NavConfig, scene: Scene | Sequence[Scene] | None) -> None:
@@ -165,22 +177,37 @@ class NavEnv(CorridorEnv):
             drawn = {"seed": self._seed, "episode": self._counter}
             self.lidar = Lidar(self.sim, cfg.lidar, **drawn)
             self._odometry = Odometry(self.sim.data.qpos, cfg.odometry, **drawn)
-            observations.add_lidar(self.lidar, self._odometry)
+            observations.add(lidar=self.lidar.ranges, odometry=self._odometry.pose)
 
-    def _make_guard(self, cfg: NavConfig) -> SeenThings | None:
-        """Make guard and planner, and return what they remember things with."""
+    def _make_memory(self, cfg: NavConfig) -> SeenThings | None:
+        """Make what goes by what the camera has shown, and return what remembers that."""
         self.guard: Guard | None = None
         self.planner: Planner | None = None
-        if not cfg.guard.enabled:
+        self._awareness: Awareness | None = None
+        self._gaze: Gaze | None = None
+        is_rewarded = "information" in self._reward_scales
+        if not (cfg.guard.enabled or is_rewarded or cfg.teach_gaze):
             return None
-        sim = self.sim
-        max_age = round(cfg.guard.memory_s / cfg.sim.control_period)
+        sim, period = self.sim, cfg.sim.control_period
+        max_age = round(cfg.guard.memory_s / period)
         seen = SeenThings(sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots, max_age)
-        self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
-        if cfg.planner.enabled:
-            self.planner = Planner(seen, sim.data.qpos, self._goal, cfg.planner, cfg.sim.control_period)
-            self.guard.add_recovery(self.planner.field, cfg.planner.stuck_s, self._episode_length)
+        if cfg.guard.enabled:
+            self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
+            if cfg.planner.enabled:
+                self.planner = Planner(seen, sim.data.qpos, self._goal, cfg.planner, period)
+                self.guard.add_recovery(self.planner.field, cfg.planner.stuck_s, self._episode_length)
+        if is_rewarded:
+            self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
+        if cfg.teach_gaze:
+            window = cfg.scandots.window_m
+            self._gaze = Gaze(sim.layout, sim.data.qpos, sim.data.qvel, seen, window_m=window, period=period)
         return seen
+
+    def _set_camera(self, action: torch.Tensor) -> None:
+        super()._set_camera(action)
+        if self._camera is not None:
+            before = self._last_action[:, -len(robot.CAMERA_JOINTS) :]
+            self._camera.apply(action, before, self.episode_length_buf)
 
     def _before_advance(self) -> None:
         if self.guard is not None:
@@ -211,6 +238,7 @@ class NavEnv(CorridorEnv):
         # The goal before the step: worlds that ended have new ones when rewards are computed.
         self._goal_before = torch.zeros_like(self.goal)
         self._haste = self._zero if self._clearance is None else wp.to_torch(self._clearance.haste)
+        self._information = self._zero if self._awareness is None else wp.to_torch(self._awareness.gain)
 
     def _end_episodes(self) -> None:
         sim = self.sim
@@ -302,6 +330,7 @@ class NavEnv(CorridorEnv):
             last_action=self._last_action,
             observations=self._observed,
             haste=self._haste,
+            information=self._information,
         )
 
 

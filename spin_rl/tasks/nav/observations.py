@@ -9,6 +9,7 @@
                   base frame: what only a map tells, for critics
     lidar         (num_envs, rays)  ranges of the rays swept in the last step [m], see `Lidar`; if enabled
     odometry      (num_envs, 3)   x, y [m] and yaw [rad] in the frame of the start, with errors; if enabled
+    gaze          (num_envs, 3)   camera actions to imitate and 1, or zeros, see `Gaze`; if enabled
     depth         (num_envs, rows * cols) image d_t, uint8, see `DepthImages.observe`; if enabled
 
 A token is 8 bounding-box corners (x, y, z) in the base frame [m] and 8 validity flags.
@@ -20,9 +21,7 @@ import torch
 import warp as wp
 from tensordict import TensorDict
 
-from spin_rl.sensors.lidar import Lidar
 from spin_rl.sensors.noisy_map import NoisyMap
-from spin_rl.sensors.odometry import Odometry
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import formulas
@@ -70,11 +69,11 @@ class NavObservations(Proprioception):
         self._visible = wp.to_torch(scandots.visible).flatten(1)
         self._all = wp.to_torch(scandots.all).flatten(1)
         self._map = None if noisy_map is None else wp.to_torch(noisy_map.tokens).flatten(1)
-        self._driving: dict[str, torch.Tensor] = {}
+        self._further: dict[str, torch.Tensor] = {}
 
-    def add_lidar(self, lidar: Lidar, odometry: Odometry) -> None:
-        """Add the groups `lidar` and `odometry`."""
-        self._driving = {"lidar": wp.to_torch(lidar.ranges), "odometry": wp.to_torch(odometry.pose)}
+    def add(self, **groups: wp.array) -> None:
+        """Add groups of what sensors measure, each of shape (num_envs, dim)."""
+        self._further |= {name: wp.to_torch(measured) for name, measured in groups.items()}
 
     def compute(self) -> TensorDict:
         """Return new tensors of all groups; noise is drawn anew at every call."""
@@ -88,7 +87,7 @@ class NavObservations(Proprioception):
         }
         if self._ahead is not None:
             groups["way"] = self._ahead * self._way_scale
-        groups |= {name: measured.clone() for name, measured in self._driving.items()}
+        groups |= {name: measured.clone() for name, measured in self._further.items()}
         if self._map is not None:
             groups["scandots_map"] = self._map.clone()
         if self._depth is not None:

@@ -26,6 +26,8 @@ class NavTransition(Transition):
         self_contact: Whether the gripper touched the base, shape (num_envs,), bool.
         haste: Largest squared speed of a part of the robot times its nearness to the scene [m^2/s^2] (see
             `sensors.clearance`), zeros where no term needs it, shape (num_envs,).
+        information: Things that came near in this step and were known, less those that were not (see
+            `sensors.awareness`), likewise.
     """
 
     progress: torch.Tensor
@@ -33,6 +35,7 @@ class NavTransition(Transition):
     goal_speed: torch.Tensor
     self_contact: torch.Tensor
     haste: torch.Tensor
+    information: torch.Tensor
 
 
 def progress(step: NavTransition) -> torch.Tensor:
@@ -64,6 +67,15 @@ def clearance(step: NavTransition) -> torch.Tensor:
     return step.haste
 
 
+def information(step: NavTransition) -> torch.Tensor:
+    """One for each thing that comes near and that the camera had shown before, minus one for each other.
+
+    So what is seen counts when it comes to matter, and only what does: once an episode for each thing that
+    comes nearer to the base than `task.information_m`. Walls are no things.
+    """
+    return step.information
+
+
 TERMS: dict[str, Term] = {
     "progress": progress,
     "success": rewards.success,
@@ -75,4 +87,5 @@ TERMS: dict[str, Term] = {
     "joint_velocity": rewards.joint_velocity,
     "action_rate": rewards.action_rate,
     "clearance": clearance,
+    "information": information,
 }

@@ -9,7 +9,7 @@ from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.rewards import TERMS
 
 NAV_GROUPS = ("proprio", "goal", "scandots", "scandots_all", "way")
-NAV_OPTIONAL_GROUPS = ("scandots_map", "lidar", "odometry", "depth")
+NAV_OPTIONAL_GROUPS = ("scandots_map", "lidar", "odometry", "gaze", "depth")
 
 NAV = TaskSpec(
     name="nav",

@@ -70,7 +70,7 @@ def test_the_whole_fetch_has_a_limit(make_fetch_env):
     [
         (lambda: FetchConfig(retries=-1), r"task\.retries"),
         (lambda: FetchConfig(carry_moves=("head_pan",)), r"task\.carry_moves"),
-        (lambda: FetchConfig(camera_pose=(0.0, -0.5)), r"task\.camera_pose"),
+        (lambda: FetchConfig(camera_pose=(0.0, -1.6)), r"task\.camera_pose: -1.6 is outside"),
         (lambda: FetchConfig(pick_range_m=(1.0, 0.5)), r"task\.pick_range_m must be two depths"),
         (lambda: FetchConfig(pick_range_m=(0.5, 1.0)), r"task\.pick_range_m changes nothing"),
         (lambda: FetchConfig(detector="yolo"), r"task\.detector must be one of none, segmentation"),

@@ -28,6 +28,7 @@ def transition(**values) -> rewards.NavTransition:
         "last_action": torch.zeros(2, 10),
         "observations": TensorDict(batch_size=[2]),
         "haste": torch.zeros(2),
+        "information": torch.zeros(2),
     }
     return rewards.NavTransition(**quiet | values)
 
@@ -43,6 +44,7 @@ YES_IN_SECOND = torch.tensor([False, True])
         ("goal_distance", {"goal_distance": torch.tensor([0.1, 4.0])}, [0.1, 4.0]),
         ("goal_speed", {"goal_speed": torch.tensor([0.5, -0.3])}, [0.5, 0.3]),
         ("clearance", {"haste": torch.tensor([0.0, 0.4])}, [0, 0.4]),
+        ("information", {"information": torch.tensor([-1.0, 2.0])}, [-1, 2]),
     ],
 )
 def test_term(term, values, wanted):

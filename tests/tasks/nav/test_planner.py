@@ -74,6 +74,9 @@ def test_the_way_leads_around_what_is_seen_and_through_what_is_not(make_nav_env)
     for _ in range(8):
         blind.step(blind.sim.views.action.clone())
     np.testing.assert_allclose(seen_goal(blind), (2.0, 0.0), atol=0.15)
+    # Once it has turned around, it is.
+    drive(blind, (0.0, 1.0), 25)
+    assert abs(seen_goal(blind)[1]) > 0.8
     assert make_nav_env(GUARDED, num_envs=1, scene=scene_with(WALL)).planner is None
 
 
@@ -152,7 +155,6 @@ def test_planning_is_the_same_in_a_graph_and_without(make_nav_env):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: NavConfig(planner=PlannerConfig(enabled=True)), "task.planner.enabled"),
         (lambda: PlannerConfig(blocked_m=0.05), "task.planner.blocked_m"),
         (lambda: from_keys(PlannerConfig, {"replan_s": 0.0}, "task.planner"), "task.planner.replan_s"),
     ],
@@ -160,6 +162,11 @@ def test_planning_is_the_same_in_a_graph_and_without(make_nav_env):
 def test_settings_that_cannot_be_meant_are_named(make, message):
     with pytest.raises(ConfigError, match=message):
         make()
+
+
+def test_the_planner_needs_the_guard(make_nav_env):
+    with pytest.raises(ConfigError, match=r"^task\.planner\.enabled"):
+        make_nav_env(NavConfig(planner=PlannerConfig(enabled=True)), num_envs=1)
 
 
 def test_the_plan_is_that_of_all_values_around_the_robot(make_nav_env):

@@ -19,10 +19,10 @@ from spin_rl.deploy.fetch.numbers import (
     STUCK_STEPS,
 )
 from spin_rl.scenes.footprint import vec8
-from spin_rl.sim.targets import action_for, joint_target
+from spin_rl.sim.targets import ABSOLUTE, action_for, joint_target
 from spin_rl.tasks.fetch.known import Known
 from spin_rl.tasks.fetch.scripts.bumper import without_bumps
-from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, Command
+from spin_rl.tasks.fetch.scripts.moves import FINGER, LIFT, PAN, TILT, Command
 from spin_rl.tasks.fetch.scripts.phases import align, is_pose, last_phase, place, retract
 from spin_rl.tasks.fetch.state import ALIGN, CARRY, PICK, PLACE, REACH, RETRACT, FetchState
 
@@ -140,3 +140,21 @@ def script_actions(
     elif c.done or (is_pose(stage, phase) and state.phase_time[w] >= SETTLE):
         state.phase[w] = phase + 1
         state.phase_time[w] = 0
+
+
+@wp.kernel
+def hold_camera(
+    # In
+    mode: wp.array(dtype=wp.int32),
+    hold: wp.vec2,
+    # Out
+    action_out: wp.array2d(dtype=float),
+) -> None:
+    """Replace the head's actions by those that hold a pose, one thread per world.
+
+    ``hold`` is that of the absolute mode; in the incremental one the targets stay where they are.
+    """
+    w = wp.tid()
+    is_absolute = mode[w] == ABSOLUTE
+    action_out[w, PAN + 2] = wp.where(is_absolute, hold[0], 0.0)
+    action_out[w, TILT + 2] = wp.where(is_absolute, hold[1], 0.0)

@@ -1,0 +1,268 @@
+"""The table of an actuated camera against constant poses that were trained in, by kinds of places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spin_rl.benchmark.metrics import mean_interval
+from spin_rl.config import ConfigError
+from spin_rl.reproduce.plan import Training
+from spin_rl.reproduce.state import read_result
+from spin_rl.reproduce.tables.rates import Rate, difference
+from spin_rl.reproduce.tables.stored import Measured, Stored, budget_note
+from spin_rl.reproduce.tables.table import Claim, Table
+
+KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
+"""Kinds of results: of trainings, of the freeze test, of the screening."""
+FETCH = "active_camera_fetch"
+"""Kind of results of whole fetches by shipped policies, one with the camera free and others with it held."""
+LEARN, LEARN_IN = "learn", "shuttle"
+"""The group of trainings that learn in other ways, and the one whose free camera they are compared with."""
+WANTED = 0.15
+"""Difference to every constant pose from which the camera's motion counts as worth its motors."""
+_HELD = ("task.camera_pose=", "task.camera_frozen_after_s=")
+"""Arguments of those whose camera has a constant pose, given or chosen at the start."""
+_HEADER = ("places", "camera", "success", "each", "collisions", "time-outs", "free less this", "trainings")
+
+
+@dataclass(frozen=True)
+class Margin(Claim):
+    """How much better the camera that moves is than another."""
+
+    @property
+    def verdict(self) -> str:
+        """Whether that is enough."""
+        if self.low > 0.0:
+            return "met" if self.ours >= self.wanted else "better, by less than wanted"
+        return "the other way round" if self.high < 0.0 else "no difference shown"
+
+    def line(self) -> str:
+        """All of it in a line."""
+        low, high = self.trainings
+        return (
+            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}, between trainings "
+            f"{low:+.2f} to {high:+.2f}), wanted {self.wanted:+.2f}: {self.verdict}"
+        )
+
+
+def active_camera(stored: Stored) -> Table:
+    """Success of the free camera beside constant poses, one chosen at the start, and none at all."""
+    groups = _groups(stored)
+    rows: list[tuple[str, ...]] = []
+    records: list[Mapping[str, Any]] = []
+    margins: list[Margin] = []
+    notes: list[str] = []
+    every: list[Measured] = []
+    for group, names in groups.items():
+        methods = {name: stored.of_trainings(KIND, name) for name in names}
+        every += methods.values()
+        free = stored.of_trainings(KIND, f"{LEARN_IN if group == LEARN else group}_free")
+        for name, method in methods.items():
+            margin = None if method.name == free.name else compare(name, free, method)
+            rows.append(_row(group, name, method, margin))
+            records.append(_record(group, name, method, margin))
+            if margin is not None and _is_held(method):
+                margins.append(margin)
+        if group != LEARN:
+            frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
+            rows.append(_frozen_row(group, frozen))
+            notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
+    fetches = _fetch_rows(stored)
+    rows += fetches
+    if fetches:
+        notes.append(_bound("fetch", stored.result(f"{SIGHT}/fetch")))
+    return Table(
+        "active_camera",
+        "A camera that moves against constant poses that were trained in",
+        _HEADER,
+        tuple(rows),
+        tuple(records),
+        claims=tuple(margins),
+        notes=(
+            *notes,
+            budget_note(every, "trained"),
+            "free less this: difference of the success in the same scenes, mean of the trainings; 95 %, by a "
+            "bootstrap over scenes; of fetches by Newcombe's method",
+        ),
+    )
+
+
+def _groups(stored: Stored) -> dict[str, list[str]]:
+    """Names of the trainings of each group that has results, or of the first one where none has.
+
+    Kinds of places are trained one after the other: those that nobody began are left out.
+    """
+    names: dict[str, list[str]] = {}
+    begun = set()
+    for step in stored.steps.by_name.values():
+        if isinstance(step, Training):
+            names.setdefault(step.group, []).append(step.name.rpartition("-")[0])
+        elif step.name.startswith(f"{KIND}/") and read_result(step.name) is not None:
+            begun.add(step.group)
+    chosen = {group: list(dict.fromkeys(found)) for group, found in names.items()}
+    return {group: found for group, found in chosen.items() if group in begun} or dict([*chosen.items()][:1])
+
+
+def _fetch_rows(stored: Stored) -> list[tuple[str, ...]]:
+    """Whole fetches of policies that were not trained for the pose, none where nobody has begun them."""
+    names = [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
+    if all(read_result(name) is None for name in names):
+        return []
+    free = Rate.of(stored.result(f"{FETCH}/free")["result"]["rows"])
+    lines = []
+    for name in names:
+        found = stored.result(name)["result"]
+        rate = Rate.of(found["rows"])
+        mean, low, high = difference(free, rate)
+        overall = found["overall"]
+        pose = found["camera_pose"]
+        lines.append(
+            (
+                "fetch, not trained so",
+                "free" if pose is None else f"held [{pose[0]:g},{pose[1]:g}]",
+                rate.text(),
+                "-",
+                f"{overall['collision_rate']:.2f}",
+                f"{overall['timeout_rate']:.2f}",
+                "-" if pose is None else f"{mean:+.2f} ({low:+.2f} to {high:+.2f})",
+                f"{found['policy']} + {found['pick']}",
+            )
+        )
+    return lines
+
+
+def _is_held(method: Measured) -> bool:
+    arguments = method.trainings[0]["arguments"]
+    return any(argument.startswith(_HELD) for argument in arguments)
+
+
+def compare(name: str, free: Measured, other: Measured) -> Margin:
+    """Compare trainings in the same scenes.
+
+    Args:
+        name: Of the others.
+        free: Those whose camera moves; where there are fewer of the others, as many of them.
+        other: The others.
+
+    Raises:
+        ConfigError: Their scenes were not the same.
+    """
+    count = min(len(free.results), len(other.results))
+    own, others = _successes(free)[:count], _successes(other)[:count]
+    if len({_scenes(result) for result in (*free.results, *other.results)}) > 1:
+        raise ConfigError(f"table: {name} and {free.name} were measured in other scenes: run them again")
+    scenes = own.mean(axis=0) - others.mean(axis=0)
+    low, high = mean_interval(scenes)
+    pairs = own.mean(axis=1)[:, None] - others.mean(axis=1)
+    between = (float(pairs.min()), float(pairs.max()))
+    return Margin(f"{free.name} over {name}", float(scenes.mean()), low, high, between, None, WANTED)
+
+
+def _successes(method: Measured) -> np.ndarray:
+    """Which episodes succeeded, shape (trainings, episodes)."""
+    letters = ["".join(row["outcomes"] for row in result["result"]["rows"]) for result in method.results]
+    return np.array([[letter == "s" for letter in text] for text in letters], dtype=float)
+
+
+def _scenes(result: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What the scenes of a result depend on."""
+    facts = result["result"]
+    rows = tuple(
+        (row["episodes"], *map(row.get, ("family", "scenario", "difficulty"))) for row in facts["rows"]
+    )
+    return rows, tuple(facts["seeds"]), facts["num_envs"]
+
+
+def _row(group: str, name: str, method: Measured, margin: Margin | None) -> tuple[str, ...]:
+    each = " ".join(f"{rate.value:.2f}" for rate in method.rates())
+    return (
+        group,
+        _camera(name, method),
+        method.rate().text(),
+        each,
+        f"{method.mean('collision_rate') or 0.0:.2f}",
+        f"{method.mean('timeout_rate') or 0.0:.2f}",
+        "-" if margin is None else f"{margin.ours:+.2f} ({margin.low:+.2f} to {margin.high:+.2f})",
+        method.steps,
+    )
+
+
+def _record(group: str, name: str, method: Measured, margin: Margin | None) -> dict[str, Any]:
+    low, high = method.rate().interval
+    return {
+        "places": group,
+        "camera": name,
+        "success_rate": method.rate().value,
+        "ci95_low": low,
+        "ci95_high": high,
+        "episodes": method.rate().episodes,
+        "each_training": " ".join(f"{rate.value:.4f}" for rate in method.rates()),
+        "free_less_this": None if margin is None else margin.ours,
+        "free_less_this_low": None if margin is None else margin.low,
+        "free_less_this_high": None if margin is None else margin.high,
+        "trainings": method.steps,
+    }
+
+
+def _camera(name: str, method: Measured) -> str:
+    """A training's own name, and where its camera is held or when it chooses that."""
+    label = name.partition("_")[2].replace("_", " ")
+    given = dict(argument.split("=", 1) for argument in method.trainings[0]["arguments"])
+    if pose := given.get("task.camera_pose"):
+        return f"{label} {pose}"
+    time_s = given.get("task.camera_frozen_after_s")
+    return label if time_s is None else f"{label}, frozen after {time_s} s"
+
+
+def _frozen_row(group: str, frozen: Measured) -> tuple[str, ...]:
+    """The freeze test: the free policies with the camera held at its own mean pose."""
+    variants = [result["result"]["variants"] for result in frozen.results]
+    found = [next(v for v in of if v["kind"] == "frozen") for of in variants]
+    rates = [variant["mean_success"] for variant in found]
+    lost = [variant["difference"] for variant in found]
+    intervals = [f"{-d['mean']:+.2f} ({-d['ci95'][1]:+.2f} to {-d['ci95'][0]:+.2f})" for d in lost]
+
+    def mean(key: str) -> str:
+        values = [row[key] for variant in found for row in variant["rows"]]
+        return f"{sum(values) / len(values):.2f}"
+
+    return (
+        group,
+        "free, frozen at its mean",
+        f"{sum(rates) / len(rates):.2f}",
+        " ".join(f"{rate:.2f}" for rate in rates),
+        mean("collision_rate"),
+        mean("timeout_rate"),
+        "; ".join(intervals),
+        frozen.steps,
+    )
+
+
+def _bound(group: str, sight: Mapping[str, Any]) -> str:
+    """What the screening says can be won at most."""
+    cameras = {camera["name"]: camera for camera in sight["result"]["groups"][0]["cameras"]}
+    held, around = cameras["held"], cameras["looks around"]
+    pan, tilt = held["poses"][0]
+    return (
+        f"{group}, by the screening: in {held['unseen']:.2f} of the episodes the best constant pose "
+        f"({pan:.2f}, {tilt:.2f}) misses something decisive, a camera that looks around in "
+        f"{around['unseen']:.2f}"
+    )
+
+
+def _motion(frozen: Measured) -> Sequence[str]:
+    """How the free cameras move."""
+    lines = []
+    for result, training in zip(frozen.results, frozen.trainings, strict=True):
+        camera = result["result"]["variants"][0]["camera"]
+        parts = [
+            f"{joint} {motion['p5']:+.2f} to {motion['p95']:+.2f} rad, std within an episode "
+            f"{motion['std_within']:.2f}"
+            for joint, motion in camera.items()
+        ]
+        lines.append(f"camera of {training['name']} (5-95 %): {'; '.join(parts)}")
+    return lines

@@ -1,0 +1,108 @@
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
+# (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
+"""Where to look, as camera actions for a policy to imitate: the target of `runners.ppo.gaze`."""
+
+import warp as wp
+
+from spin_rl import robot
+from spin_rl.scenes.tabletops.start_pose import head_towards
+from spin_rl.sensors.interface import Sensor
+from spin_rl.sensors.memory import SeenThings
+from spin_rl.sensors.scandots import Obstacles
+from spin_rl.sim.targets import action_for
+from spin_rl.warp_kernels.awareness import FRESH_S
+from spin_rl.warp_kernels.gaze import find_next
+from spin_rl.warp_kernels.slots import Slots, slots_of
+
+LEAD_S = 0.8
+"""What is nearest to where the base will be after this time comes first [s], as in `analysis/sight`."""
+
+_PAN, _TILT = (robot.JOINTS.index(joint) for joint in robot.CAMERA_JOINTS)
+_LOW = wp.constant(wp.vec2(robot.JOINT_LOWER[_PAN], robot.JOINT_LOWER[_TILT]))
+_HIGH = wp.constant(wp.vec2(robot.JOINT_UPPER[_PAN], robot.JOINT_UPPER[_TILT]))
+_STOWED = wp.constant(wp.vec2(*(robot.STOWED[joint] for joint in robot.CAMERA_JOINTS)))
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _aim(
+    # In
+    slots: Slots,
+    slot: wp.array(dtype=wp.int32),
+    qpos: wp.array2d(dtype=float),
+    # Out
+    gaze_out: wp.array2d(dtype=float),
+) -> None:
+    world = wp.tid()
+    if slot[world] < 0:
+        for i in range(3):
+            gaze_out[world, i] = 0.0
+        return
+    base = wp.vec3(qpos[world, 0], qpos[world, 1], qpos[world, 2])
+    aim = head_towards(base, slots.pos[world, slot[world]])
+    if aim[0] > _HIGH[0]:
+        aim[0] = aim[0] - 2.0 * wp.pi
+    for i in range(2):
+        angle = wp.clamp(aim[i], _LOW[i], _HIGH[i])
+        gaze_out[world, i] = action_for(angle, _LOW[i], _STOWED[i], _HIGH[i])
+    gaze_out[world, 2] = 1.0
+
+
+class Gaze(Sensor):
+    """Looks at the unknown thing that the base will be nearest to soon; see ``spin_rl.warp_kernels.gaze``.
+
+    It knows things that no camera has shown yet, also those that are still hidden. Where everything near is
+    known it says nothing.
+
+    Attributes:
+        gaze: Camera actions that point the head at its middle, and 1; or zeros, shape (nworld, 3).
+    """
+
+    def __init__(
+        self,
+        obstacles: Obstacles,
+        qpos: wp.array,
+        qvel: wp.array,
+        seen: SeenThings,
+        *,
+        window_m: float,
+        period: float,
+    ) -> None:
+        """Allocate the buffers.
+
+        Args:
+            obstacles: Obstacle slots, shape (nworld, nslot).
+            qpos: ``d.qpos``, shape (nworld, nq).
+            qvel: ``d.qvel``, shape (nworld, nv).
+            seen: What the camera has shown; updated before this one is.
+            window_m: Farthest that a thing is from the base [m].
+            period: Time between two steps [s].
+        """
+        self._slots, self._is_wall = slots_of(obstacles), obstacles.is_wall
+        self._qpos, self._qvel, self._memory = qpos, qvel, seen.memory
+        self._window, self._fresh = window_m, round(FRESH_S / period)
+        nworld, device = obstacles.pos.shape[0], obstacles.pos.device
+        self._next = wp.zeros(nworld, dtype=wp.int32, device=device)
+        self.gaze = wp.zeros((nworld, 3), dtype=float, device=device)
+
+    def update(self) -> None:
+        """Aim anew; graph-safe."""
+        find_next(
+            self._slots,
+            self._is_wall,
+            self._qpos,
+            self._qvel,
+            self._memory,
+            fresh=self._fresh,
+            lead=LEAD_S,
+            window=self._window,
+            slot_out=self._next,
+        )
+        wp.launch(
+            _aim,
+            dim=self.gaze.shape[0],
+            inputs=[self._slots, self._next, self._qpos],
+            outputs=[self.gaze],
+            device=self.gaze.device,
+        )

@@ -1,0 +1,221 @@
+"""The table of a camera that moves against constant poses, of results that a test chooses, and its plan."""
+
+import json
+
+import numpy as np
+import pytest
+from stored_results import MACHINE, training
+
+from spin_rl.cli import common, train
+from spin_rl.config import ConfigError
+from spin_rl.reproduce import state
+from spin_rl.reproduce.plan import Evaluation, Training, read_steps
+from spin_rl.reproduce.tables import active_camera, table
+from spin_rl.reproduce.tables.registry import PLANS
+from spin_rl.reproduce.tables.stored import Stored
+from spin_rl.runners.config import check_config
+from spin_rl.tasks.common.compose import compose, with_depth
+from spin_rl.tasks.nav.spec import NAV
+
+SHIPPED = read_steps(compose("reproduce", ["plan=active_camera"])["plan"])
+TRAININGS = [step for step in SHIPPED.by_name.values() if isinstance(step, Training)]
+EPISODES = 100
+MOTION = {"p5": -3.0, "p95": 0.1, "std_within": 0.9}
+
+
+@pytest.fixture
+def steps(tmp_path, monkeypatch):
+    monkeypatch.setattr(state, "RESULT_DIR", tmp_path)
+    return SHIPPED
+
+
+def places(success, seeds=(3,)):
+    """A result of the rooms benchmark, of a mask of episodes."""
+    row = {
+        "family": "shuttle",
+        "episodes": len(success),
+        "success_rate": float(np.mean(success)),
+        "collision_rate": float(1.0 - np.mean(success)),
+        "timeout_rate": 0.0,
+        "outcomes": "".join("s" if each else "c" for each in success),
+    }
+    return {"rows": [row], "seeds": list(seeds), "num_envs": len(success)}
+
+
+def frozen(mean):
+    """A result of the freeze test."""
+    row = {"collision_rate": 0.5, "timeout_rate": 0.1}
+    own = {"kind": "own", "camera": {"pan": MOTION, "tilt": MOTION}}
+    lost = {"mean": -0.3, "ci95": [-0.4, -0.2]}
+    return {"variants": [own, {"kind": "frozen", "mean_success": mean, "difference": lost, "rows": [row]}]}
+
+
+SIGHT = {
+    "groups": [
+        {
+            "cameras": [
+                {"name": "held", "unseen": 0.67, "poses": [[-3.14, -1.25]]},
+                {"name": "looks around", "unseen": 0.0, "poses": []},
+            ]
+        }
+    ]
+}
+
+
+def store(steps, name, result):
+    step = steps.by_name[name]
+    kept = MACHINE | {
+        "command": state.command_of(steps, step),
+        "step": state.planned(step),
+        "minutes": 2.0,
+        "trainings": [training(steps, other) for other in steps.needs(step)],
+        "result": result,
+    }
+    file = state.result_file(name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(kept))
+
+
+def store_shuttle(steps, rates):
+    """Results of all steps of the shuttle: the first so many of a hundred episodes succeed."""
+    for step in steps.by_name.values():
+        if not isinstance(step, Evaluation) or "shuttle" not in step.name:
+            continue
+        kind, _, name = step.name.partition("/")
+        camera = name.removeprefix("shuttle_").rpartition("-")[0]
+        made = {
+            "active_camera": lambda c=camera: places(np.arange(EPISODES) < rates[c]),
+            "active_camera_freeze": lambda: frozen(0.5),
+            "active_camera_sight": lambda: SIGHT,
+        }
+        store(steps, step.name, made[kind]())
+
+
+RATES = {"free": 80, "behind": 60, "down": 70, "left": 80, "start": 85, "blind": 10}
+
+
+def test_rows_margins_and_verdicts(steps):
+    store_shuttle(steps, RATES)
+    made = active_camera.active_camera(Stored(steps, "active_camera"))
+    rows = {row[1].split()[0].strip(","): row for row in made.rows[:-1]}
+    assert rows["behind"][:4] == ("shuttle", "behind [-3.14,-1.25]", rows["behind"][2], "0.60 0.60")
+    assert rows["free"][2].startswith("0.80 (") and rows["start"][1] == "start, frozen after 1.0 s"
+    assert {row[0] for row in made.rows} == {"shuttle"}  # beam and crossing: nobody has begun them
+    assert made.rows[-1][1] == "free, frozen at its mean"
+    assert made.rows[-1][6] == "+0.30 (+0.20 to +0.40); +0.30 (+0.20 to +0.40)"
+    verdicts = {claim.text.rpartition("_")[2]: claim.verdict for claim in made.claims}
+    assert verdicts == {
+        "behind": "met",
+        "down": "better, by less than wanted",
+        "left": "no difference shown",
+        "start": "the other way round",
+    }
+    assert any(
+        "in 0.67 of the episodes the best constant pose (-3.14, -1.25) misses" in n for n in made.notes
+    )
+    assert any("pan -3.00 to +0.10 rad" in note for note in made.notes)
+    assert all(len(row) == len(made.header) for row in made.rows)
+    for write in table.FORMATS.values():
+        assert "behind" in write(made)
+
+
+def test_fetches_stand_below_once_they_are_measured(steps):
+    store_shuttle(steps, RATES)
+    for name, step in steps.by_name.items():
+        if name.startswith("active_camera_fetch/"):
+            held = "camera_pose" in " ".join(step.arguments)
+            row = {"episodes": 60, "success_rate": 0.5 if held else 0.9}
+            store(
+                steps,
+                name,
+                {
+                    "rows": [row],
+                    "overall": {"collision_rate": 0.1, "timeout_rate": 0.0},
+                    "camera_pose": [0.0, -0.7] if held else None,
+                    "policy": "nav-cvo",
+                    "pick": "pick-detector",
+                },
+            )
+    with pytest.raises(ConfigError, match="no result active_camera_sight/fetch"):
+        active_camera.active_camera(Stored(steps, "active_camera"))
+    store(steps, "active_camera_sight/fetch", SIGHT)
+    rows = active_camera.active_camera(Stored(steps, "active_camera")).rows[-4:]
+    assert [row[1] for row in rows] == ["free", *["held [0,-0.7]"] * 3]
+    # 54 and 30 of 60 by Newcombe's method; Wilson's intervals are 0.80-0.95 and 0.38-0.62.
+    assert rows[1][6] == "+0.40 (+0.24 to +0.53)"
+
+
+def test_scenes_are_paired_and_trainings_averaged():
+    """Against the formula of a difference of means, and an interval that knows which scenes are hard."""
+    rng = np.random.default_rng(1)
+    hard = rng.random(300) < 0.5
+    facts = {"trainings": [{"name": "a-1"}]}
+
+    def measured(name, *successes):
+        return active_camera.Measured(name, tuple(facts | {"result": places(s)} for s in successes))
+
+    free, other = measured("free", ~hard, ~hard), measured("other", ~hard & (rng.random(300) < 0.8), ~hard)
+    margin = active_camera.compare("other", free, other)
+    lost = np.mean([free.rate().value - other.rate().value])
+    assert margin.ours == pytest.approx(lost) and margin.trainings[0] == 0.0
+    # Unpaired, the interval of two rates near 0.5 would be 0.11 wide either way.
+    assert 0.0 < margin.low < margin.ours < margin.high < margin.ours + 0.04
+
+
+def test_results_of_other_scenes_are_refused():
+    facts = {"trainings": [{"name": "a-1"}]}
+    made = [
+        active_camera.Measured("a", (facts | {"result": places(np.ones(10), seeds)},))
+        for seeds in ((3,), (4,))
+    ]
+    with pytest.raises(ConfigError, match="table: b and a were measured in other scenes"):
+        active_camera.compare("b", *made)
+
+
+def test_what_is_missing_is_one_line_with_its_command(steps):
+    said = r"^table: there is no result {}, which active_camera needs: spin-reproduce plan=active_camera "
+    with pytest.raises(ConfigError, match=said.format("active_camera/shuttle_free-1")):
+        active_camera.active_camera(Stored(steps, "active_camera"))
+    store_shuttle(steps, RATES)
+    stored = Stored(steps, "active_camera")
+    active_camera.active_camera(stored)
+    for step in stored.used:
+        file = state.result_file(step.name)
+        kept = file.read_text()
+        file.unlink()
+        with pytest.raises(ConfigError, match=said.format(step.name) + f"run=true only={step.name}$"):
+            active_camera.active_camera(Stored(steps, "active_camera"))
+        file.write_text(kept)
+
+
+@pytest.mark.parametrize("step", TRAININGS, ids=lambda step: step.name)
+def test_every_training_can_be_started(step):
+    values = with_depth(compose("train", [*SHIPPED.arguments(step), f"seed={step.seed}"]))
+    common.check_keys("train", values, common.keys_of(train.Options, common.GROUPS))
+    task = NAV.configure(values)
+    check_config(values["runner"], NAV.groups, values["num_envs"])
+    held = values["runner"]["actor"]["distribution_cfg"].get("num_used") == 8
+    assert held == (task.camera_pose is not None) and task.sim.kinematic
+
+
+def test_trainings_of_a_kind_of_places_differ_in_the_camera_alone():
+    for group in ("shuttle", "beam", "crossing"):
+        own = [step for step in TRAININGS if step.group == group]
+        assert len(own) == 12 and {step.seed for step in own} == {1, 2}
+        assert len({step.env_steps for step in own}) == 1
+        free = set(SHIPPED.by_name[f"{group}_free-1"].arguments)
+        for step in own:
+            further = set(step.arguments) - free
+            assert free <= set(step.arguments)
+            assert all("camera" in given or "num_used" in given for given in further), step.name
+
+
+def test_evaluations_compose_and_are_of_scenes_that_nothing_else_used():
+    for step in SHIPPED.by_name.values():
+        if isinstance(step, Evaluation):
+            given = SHIPPED.arguments(step)
+            task = ["task=fetch"] if "benchmark=fetch" in given else []  # as the command itself adds
+            values = compose(step.command, [*task, *given])
+            if step.name.startswith(("active_camera/", "active_camera_freeze/")):
+                assert values["seeds"] == [3]
+    assert PLANS["active_camera"] == SHIPPED.plan

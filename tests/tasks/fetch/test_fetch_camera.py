@@ -1,0 +1,43 @@
+"""A camera held at one pose for a whole fetch: neither policies nor scripts move it."""
+
+import pytest
+import torch
+import warp as wp
+from fetch_worlds import ALIGN, CARRY, PICK, PLACE, REACH, RETRACT, enter, state
+
+from spin_rl.config import ConfigError
+from spin_rl.export import write
+from spin_rl.tasks.fetch.config import FetchConfig
+
+POSE = (-0.8, -0.5)
+
+
+def test_the_head_stays_in_every_stage(make_fetch_env):
+    env = make_fetch_env(FetchConfig(camera_pose=POSE), num_envs=6, seed=3)
+    target = wp.to_torch(env.sim.target)
+    held = torch.tensor(POSE, device=env.device).expand(6, 2)
+    torch.testing.assert_close(env.sim.views.qpos[:, 11:13], held)  # it starts there
+    for world, stage in enumerate((REACH, ALIGN, PICK, RETRACT, CARRY, PLACE)):
+        enter(env, stage, world)
+    actions = torch.full((6, 10), 0.0, device=env.device)
+    actions[:, -2:] = 0.9
+    for _ in range(5):
+        env.step(actions)
+        torch.testing.assert_close(target[:, -2:], held, atol=1e-5, rtol=0)
+    assert (env.sim.views.qpos[:, 11:13] - held).abs().max() < 0.02
+
+
+def test_without_a_pose_scripts_look_around(make_fetch_env):
+    env = make_fetch_env(num_envs=2, seed=3)
+    state(env, "is_found").fill_(False)
+    for world in range(2):
+        enter(env, ALIGN, world)
+    before = wp.to_torch(env.sim.target)[:, -2].clone()
+    env.step(torch.zeros(2, 10, device=env.device))
+    assert (wp.to_torch(env.sim.target)[:, -2] - before).abs().min() > 0.01
+
+
+def test_a_fetch_with_a_held_camera_is_not_exported(tmp_path, monkeypatch):
+    monkeypatch.setattr(write, "open_for", lambda *_: None)
+    with pytest.raises(ConfigError, match=r"^task\.camera_pose: the stages of an exported fetch turn"):
+        write.export_fetch("a", "b", tmp_path, FetchConfig(camera_pose=POSE))
