@@ -158,6 +158,13 @@ def test_a_bar_counts_at_the_robots_heights(bottom, top, passes):
     assert trial.is_free(np.array([[0.8, 0.0]]), STEPS)[0] == passes
 
 
+@pytest.mark.parametrize(("nearest", "passes"), [(0.185, False), (0.2, True)])
+def test_all_that_was_seen_in_a_cell_counts(nearest, passes):
+    """Two points in a cell beside the way of the base, which reaches to 0.182 m and the margin to 0.192 m."""
+    trial = trial_of(known(np.array([[0.33, nearest, 0.1], [0.33, 0.236, 0.1]])), speed=(0.7, 0.0))
+    assert trial.is_free(np.array([[0.8, 0.0]]), STEPS)[0] == passes
+
+
 def test_what_the_robot_overlaps_already_does_not_hold_it():
     """A thing under the gripper's box: the base may go, and the gripper too."""
     hulls = BODY.pose(KINEMATICS.bodies(STOWED)).hulls
