@@ -23,8 +23,8 @@ from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 from spin_rl.sensors.depth.robot import RobotDepthFilter
 from spin_rl.speed.rows import Row
 
-POLICIES = ("nav-cvo", "nav-room", "nav-cvo-depth", "pick-depth")
-"""Teachers, one of them with a pilot, and the students."""
+POLICIES = ("nav-cvo", "nav-room", "nav-cvo-depth", "nav-room-depth", "pick-depth")
+"""Teachers and students, in places of all kinds with a pilot."""
 CAMERA = (480, 848)
 """Rows and columns of the camera's own image."""
 _WARM_UP, _LEAST = 20, 200
