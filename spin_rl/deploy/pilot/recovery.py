@@ -76,21 +76,11 @@ class Recovery:
         """Return two commands with how many steps they take; a stop where nothing leads out."""
         ahead, back, turn = trial.drive.most
         slow, back, turns = min(ahead, _SLOW_M_S), -min(back, BACK_M_S), turn * _TURNS
-        firsts = np.concatenate([_pairs((slow, 0.0, back), turns), _pairs((back,), turns)])
+        first, steps, middle = self._first_driven(slow, back, turns, trial)
         seconds = _pairs((slow, 0.0), turns)
-        steps = np.repeat([self._first, self._back], (len(firsts) - len(turns), len(turns)))
-        pose, speed, is_free = (
-            np.empty((len(firsts), 3)),
-            np.empty((len(firsts), 2)),
-            np.empty(len(firsts), bool),
-        )
-        for most in (self._first, self._back):
-            some = np.flatnonzero(steps == most)
-            poses, middle = trial.drive.follow(trial.start(len(some)), firsts[some], most)
-            pose[some], speed[some], is_free[some] = middle.pose, middle.speed, ~trial.hits(poses)
-        which = np.repeat(np.flatnonzero(is_free), len(seconds))
-        thens = np.tile(seconds, (int(np.count_nonzero(is_free)), 1))
-        poses, end = trial.drive.follow(Motion(pose[which], speed[which]), thens, self._second)
+        which = np.repeat(np.arange(len(first)), len(seconds))
+        second = np.tile(seconds, (len(first), 1))
+        poses, end = trial.drive.follow(Motion(middle.pose[which], middle.speed[which]), second, self._second)
         moves = (np.hypot(*end.pose[:, :2].T) > _STAY_M) | (np.abs(end.pose[:, 2]) > _STAY_RAD)
         cost = np.where(moves, _left_to_go(end.pose, base, field), np.inf)
         order = np.argsort(cost, kind="stable")[: np.count_nonzero(moves)]
@@ -98,9 +88,22 @@ class Recovery:
             some = order[at : at + _AT_ONCE]
             free = some[~trial.hits(poses[some])]
             if free.size:
-                first = which[free[0]]
-                return [(firsts[first], int(steps[first])), (thens[free[0]], self._second)]
+                best = which[free[0]]
+                return [(first[best], int(steps[best])), (second[free[0]], self._second)]
         return [(np.zeros(2), self._first)]
+
+    def _first_driven(
+        self, slow: float, back: float, turns: np.ndarray, trial: Trial
+    ) -> tuple[np.ndarray, np.ndarray, Motion]:
+        """Drive first commands; return those that hit nothing, how many steps they took, and where to."""
+        found = []
+        for speeds, steps in (((slow, 0.0, back), self._first), ((back,), self._back)):
+            commands = _pairs(speeds, turns)
+            poses, end = trial.drive.follow(trial.start(len(commands)), commands, steps)
+            free = ~trial.hits(poses)
+            found.append((commands[free], np.full(free.sum(), steps), end.pose[free], end.speed[free]))
+        commands, steps, pose, speed = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return commands, steps, Motion(pose, speed)
 
 
 def _pairs(speeds: tuple[float, ...], turns: np.ndarray) -> np.ndarray:

@@ -87,10 +87,6 @@ class Motion:
     pose: np.ndarray
     speed: np.ndarray
 
-    def each(self, which: np.ndarray) -> Motion:
-        """Choose some, by their indices; also one of them more than once."""
-        return Motion(self.pose[which], self.speed[which])
-
 
 class Trial:
     """Tries commands at one moment."""
