@@ -46,13 +46,14 @@ def run_watched(
     device: str,
     *,
     policy_name: str = "policy",
+    pick_name: str | None = None,
     num_envs: int | None = None,
     scene: Scene | None = None,
     scene_file: Path | None = None,
     announce: Announce | None = None,
     report: Report = print,
 ) -> tuple[dict[str, Any], list[Watching], list[str]]:
-    """Run a benchmark of the navigation task with something that looks on.
+    """Run a benchmark of the navigation task, or of fetches, with something that looks on.
 
     All episodes of a seed run at once, so that seed and world say which scene it was. The episodes are those
     of the benchmark if that, too, runs all episodes of a seed at once.
@@ -66,6 +67,7 @@ def run_watched(
         seeds: Seeds, all different.
         device: "cpu" or "cuda:N".
         policy_name: For the result.
+        pick_name: In fetches, that of the policy that picks.
         num_envs: Most worlds at once; must hold all episodes of a seed.
         scene: The one scene to run in, None for the benchmark's.
         scene_file: Its file.
@@ -85,7 +87,9 @@ def run_watched(
         watches.append(make_watch(policy, env, seed))
         return watches[-1]
 
-    fixed = {} if scene is None or scene_file is None else {"scene": scene, "scene_name": scene_file.name}
+    own = {} if scene is None or scene_file is None else {"scene": scene, "scene_name": scene_file.name}
+    if pick_name is not None:
+        own["pick_name"] = pick_name
     result = benchmark.evaluate(
         make_policy,
         cfg,
@@ -97,7 +101,7 @@ def run_watched(
         announce=announce,
         report=report,
         watch=watch,
-        **fixed,
+        **own,
     )
     return result, watches, [condition_of(row) for row in result["rows"]]
 

@@ -127,7 +127,13 @@ def test_an_interrupted_evaluation_keeps_the_seeds_that_are_finished(monkeypatch
 @pytest.mark.slow
 def test_ctrl_c_while_a_command_starts_is_one_line(tmp_path):
     command = [sys.executable, "-m", "spin_rl.cli.train", "num_envs=16", "device=cpu", f"run_dir={tmp_path}"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests in the background ignore it
+    )
     deadline = time.monotonic() + 60.0
     while not (tmp_path / ".lock").exists():  # it has read its configuration and makes its worlds
         assert time.monotonic() < deadline and process.poll() is None

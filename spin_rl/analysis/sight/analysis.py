@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spin_rl import robot
-from spin_rl.analysis.episodes import condition_of
+from spin_rl.analysis.episodes import run_watched
 from spin_rl.analysis.sight import judge
 from spin_rl.analysis.sight.driver import MapDriver, SeesAll
 from spin_rl.analysis.sight.fetches import FetchWatch, fetch_groups
@@ -71,35 +71,34 @@ def analyse_sight(
     is_map = policy_name == MAP
     if is_map:
         cfg = replace(cfg, stop_on_collision=False, sim=replace(cfg.sim, kinematic=True))
-    watches: list[Any] = []
     settings: dict[str, Any] = {"lead_s": options.lead_s, "near_m": options.near_m}
 
-    def watch(env: Any, policy: Policy, seed: int) -> Policy:
+    def watch(policy: Policy, env: Any, _seed: int) -> Any:
         if pick_name is not None:  # told of all obstacles, policies that learned to see them fetch nothing
-            watches.append(FetchWatch(policy, env, poses, **settings))
-        else:
-            driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
-            watches.append(SightWatch(driver, env, poses, **settings))
-        return watches[-1]
+            return FetchWatch(policy, env, poses, **settings)
+        driver = MapDriver(env, options.speed_m_s) if is_map else SeesAll(policy)
+        return SightWatch(driver, env, poses, **settings)
 
-    result = benchmark.evaluate(
+    watches: list[Any]
+    result, watches, names = run_watched(
+        watch,
+        benchmark,
         make_policy,
         cfg,
         episodes,
         seeds,
         device,
         policy_name=policy_name,
-        **({} if pick_name is None else {"pick_name": pick_name}),
+        pick_name=pick_name,
         num_envs=num_envs,
         announce=announce,
         report=report,
-        watch=watch,
     )
     for watched in watches:
         watched.finish()
     period = cfg.sim.control_period
     if pick_name is None:
-        groups = _groups_of_drives(result, watches, len(poses), options, period)
+        groups = _groups_of_drives(result, names, watches, len(poses), options, period)
     else:
         groups = fetch_groups(watches, len(poses), options, period)
     travel = np.ceil(poses.travel_s(robot.SPEED_PROFILES[cfg.robot_profile]) / period - 1e-9).astype(int)
@@ -113,7 +112,12 @@ def analyse_sight(
 
 
 def _groups_of_drives(
-    result: dict[str, Any], watches: list[SightWatch], num_poses: int, options: SightOptions, period: float
+    result: dict[str, Any],
+    names: list[str],
+    watches: list[SightWatch],
+    num_poses: int,
+    options: SightOptions,
+    period: float,
 ) -> dict[str, judge.Events]:
     """Events of each family of places, or of all corridors."""
     parts = [
@@ -125,7 +129,6 @@ def _groups_of_drives(
     if result["benchmark"] != "rooms":
         return {"corridors": events}
     # Conditions take turns over the worlds of a batch, and every seed is one.
-    names = [condition_of(row) for row in result["rows"]]
     worlds = np.arange(events.worlds) % (result["episodes_per_seed"] * len(names)) % len(names)
     return {name: judge.of_worlds(events, np.flatnonzero(worlds == i)) for i, name in enumerate(names)}
 

@@ -15,6 +15,9 @@ from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_po
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
 
+CAMERA_ACTIONS = ("target", "rate")
+"""What the camera's actions may say."""
+
 
 @dataclass(frozen=True)
 class NavNoise(ProprioNoise):
@@ -50,9 +53,6 @@ class GuardConfig:
     def __post_init__(self) -> None:
         """Reject times that are none."""
         require_positive(self, "task.guard", ("lag_s", "memory_s"))
-
-
-CAMERA_ACTIONS = ("target", "rate")
 
 
 @dataclass(frozen=True)

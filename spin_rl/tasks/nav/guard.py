@@ -18,7 +18,7 @@ from spin_rl.warp_kernels.guard import filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
 HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
-
+"""Number of the box that a geom is in, by the first word of its name."""
 
 _FIRST_HEAD = wp.constant(robot.JOINTS.index(robot.CAMERA_JOINTS[0]))
 

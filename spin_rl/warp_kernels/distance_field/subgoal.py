@@ -6,23 +6,12 @@
 import warp as wp
 
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE, Field, field_at
-from spin_rl.warp_kernels.distance_field.trace import downhill, lowest_near
+from spin_rl.warp_kernels.distance_field.trace import step_down
 
 _STRAIGHT = wp.constant(0.1)
 """A way is straight if it is longer than the straight line by no more than this [cells]."""
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.func
-def _step_down(field: Field, world: int, at: wp.vec2, value: float) -> wp.vec2:
-    """A point about a cell along the way; the same point where the field leads no further."""
-    to = at + field.cell * downhill(field, world, at)
-    lower = field_at(field, world, to[0], to[1])
-    if lower > value - 0.5 * field.cell:  # over a ridge, or along a wall's cells
-        to = lowest_near(field, world, at)
-        lower = field_at(field, world, to[0], to[1])
-    return wp.where(lower < value, to, at)
 
 
 @wp.kernel
@@ -50,7 +39,7 @@ def _look_ahead(
             at = end
             left = 0
         else:
-            to = _step_down(field, world, at, value)
+            to = step_down(field, world, at, value)
             if wp.length(to - at) == 0.0:
                 left = 0
             at = to

@@ -23,7 +23,7 @@ def downhill(field: Field, world: int, at: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def lowest_near(field: Field, world: int, at: wp.vec2) -> wp.vec2:
+def _lowest_near(field: Field, world: int, at: wp.vec2) -> wp.vec2:
     """Centre of the lowest of the 9 cells around a point."""
     rows = field.values.shape[1]
     columns = field.values.shape[2]
@@ -39,6 +39,17 @@ def lowest_near(field: Field, world: int, at: wp.vec2) -> wp.vec2:
                 lowest = value
                 best = cell_centre(field, world, column, row)
     return best
+
+
+@wp.func
+def step_down(field: Field, world: int, at: wp.vec2, value: float) -> wp.vec2:
+    """A point about a cell along the way from one with a value; the same where the field leads no further."""
+    to = at + field.cell * downhill(field, world, at)
+    lower = field_at(field, world, to[0], to[1])
+    if lower > value - 0.5 * field.cell:  # over a ridge, or along a wall's cells
+        to = _lowest_near(field, world, at)
+        lower = field_at(field, world, to[0], to[1])
+    return wp.where(lower < value, to, at)
 
 
 @wp.kernel
@@ -70,15 +81,11 @@ def _trace(
         to = goal
         arrived = straight <= _IN_SIGHT * field.cell and value <= straight + 0.1 * field.cell
         if not arrived:
-            to = at + field.cell * downhill(field, world, at)
-            lower = field_at(field, world, to[0], to[1])
-            if lower > value - 0.5 * field.cell:  # over a ridge, or along a wall's cells
-                to = lowest_near(field, world, at)
-                lower = field_at(field, world, to[0], to[1])
-            if lower >= value:
+            to = step_down(field, world, at, value)
+            value = field_at(field, world, to[0], to[1])
+            if wp.length(to - at) == 0.0:
                 to = goal
                 arrived = True
-            value = lower
         length += wp.length(to - at)
         at = to
     if arrived:

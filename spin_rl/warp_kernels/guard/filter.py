@@ -9,8 +9,7 @@ Source: the dynamic window approach (Fox, Burgard and Thrun 1997), as a filter o
 
 import warp as wp
 
-from spin_rl.warp_kernels.guard.hulls import hulls_of
-from spin_rl.warp_kernels.guard.trial import Drive, Things, Trial, gather, is_free
+from spin_rl.warp_kernels.guard.trial import Drive, Things, Trial, gather, is_free, trial_of
 from spin_rl.warp_kernels.memory import Memory
 from spin_rl.warp_kernels.slots import Slots
 
@@ -84,11 +83,7 @@ def _guard(
     guarded_out: wp.array[wp.bool],
 ):
     world = wp.tid()
-    trial = Trial()
-    trial.hulls = hulls_of(world, hull_low, hull_high)
-    trial.drive = drive
-    trial.things = things
-    trial.margin = margin
+    trial = trial_of(world, hull_low, hull_high, drive, things, margin)
     base = wp.vec3(qpos[world, 0], qpos[world, 1], qpos[world, 2])
     gather(slots, nearby, memory, world, base, trial.hulls, margin, things)
 

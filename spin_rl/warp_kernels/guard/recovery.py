@@ -13,8 +13,7 @@ import warp as wp
 from spin_rl.warp_kernels.distance_field.field import Field, field_at
 from spin_rl.warp_kernels.distance_field.trace import downhill
 from spin_rl.warp_kernels.guard.filter import BACK_M_S, limits_of, put_command
-from spin_rl.warp_kernels.guard.hulls import hulls_of
-from spin_rl.warp_kernels.guard.trial import Drive, Motion, Things, Trial, drive_on, is_free
+from spin_rl.warp_kernels.guard.trial import Drive, Motion, Things, Trial, drive_on, is_free, trial_of
 
 _MOVED_M = wp.constant(0.15)
 """A base that got so far from where it was is not stuck [m]."""
@@ -25,6 +24,7 @@ _FIRST_STEPS = wp.constant(8)
 _BACK_STEPS = wp.constant(24)
 """Steps of a first command that leads backwards, which is slow."""
 _SECOND_STEPS = wp.constant(10)
+"""Steps of the second command."""
 _TURNS = wp.constant(7)
 """Turning speeds that are tried: none, and parts of the limit to either side."""
 _SLOW_M_S = wp.constant(0.3)
@@ -155,11 +155,8 @@ def _recover(
         recovery.has_then[world] = False
     if recovery.left[world] == 0:
         return
-    trial = Trial()
-    trial.hulls = hulls_of(world, hull_low, hull_high)
-    trial.drive = drive
-    trial.things = things
-    trial.margin = 0.0  # it drives slowly, and may have got into a place where a margin leaves no way
+    # No margin: it drives slowly, and may have got into a place where a margin leaves no way.
+    trial = trial_of(world, hull_low, hull_high, drive, things, 0.0)
     limit = limits_of(drive, speed_scale[world])
     now = wp.vec2(velocity[world, 0], velocity[world, 1])
     if recovery.hold[world] == 0 and recovery.has_then[world]:

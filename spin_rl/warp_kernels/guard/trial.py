@@ -10,7 +10,7 @@ Things go on as they were seen to move.
 
 import warp as wp
 
-from spin_rl.warp_kernels.guard.hulls import NUM_HULLS, Hulls, half_of, middle_of
+from spin_rl.warp_kernels.guard.hulls import NUM_HULLS, Hulls, half_of, hulls_of, middle_of
 from spin_rl.warp_kernels.memory import Memory, Thing, is_remembered, recall
 from spin_rl.warp_kernels.slots import Slots
 
@@ -62,6 +62,24 @@ class Trial:
     things: Things
     drive: Drive
     margin: float
+
+
+@wp.func
+def trial_of(
+    world: int,
+    hull_low: wp.array2d[wp.vec3],
+    hull_high: wp.array2d[wp.vec3],
+    drive: Drive,
+    things: Things,
+    margin: float,
+) -> Trial:
+    """Gather what a world's commands are tried with."""
+    trial = Trial()
+    trial.hulls = hulls_of(world, hull_low, hull_high)
+    trial.things = things
+    trial.drive = drive
+    trial.margin = margin
+    return trial
 
 
 @wp.struct
