@@ -42,6 +42,7 @@ class GuardConfig:
         margin_m: Distance that counts as a collision [m].
         lag_s: Time constant that the base is expected to have [s].
         memory_s: Time after which what was not seen again is forgotten, what moves after 10 s at most [s].
+        foresee_s: Time that what moves is expected to go on, to get out of its way [s]; 0: never.
     """
 
     enabled: bool = False
@@ -49,6 +50,7 @@ class GuardConfig:
     margin_m: Annotated[float, Range(0.0, 0.5)] = 0.01
     lag_s: float = 0.2
     memory_s: float = 120.0
+    foresee_s: Annotated[float, Range(0.0, 5.0)] = 3.0
 
     def __post_init__(self) -> None:
         """Reject times that are none."""

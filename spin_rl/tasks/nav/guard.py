@@ -14,7 +14,7 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.sim.targets import action_for, joint_position
 from spin_rl.tasks.nav.config import GuardConfig
 from spin_rl.warp_kernels.distance_field.field import Field
-from spin_rl.warp_kernels.guard import filter, hulls, recovery, trial
+from spin_rl.warp_kernels.guard import evade, filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
 HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
@@ -69,6 +69,7 @@ class Guard:
         self._slots = slots_of(sim.layout)
         self._steps = max(round(cfg.look_ahead_s / sim.config.control_period), 1)
         self._margin = cfg.margin_m
+        self._foreseen = round(cfg.foresee_s / sim.config.control_period)
         shapes = robot_shapes(sim.mj_model, sim.device)
         names = [sim.mj_model.geom(int(geom)).name for geom in shapes.geom.numpy()]
         self._shapes = hulls.Shapes()
@@ -159,3 +160,5 @@ class Guard:
                 outputs=[sim.action],
                 device=sim.device,
             )
+        if self._foreseen > 0:
+            evade.evade(**common, steps=self._foreseen, margin=self._margin, guarded=self._guarded)

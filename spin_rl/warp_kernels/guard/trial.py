@@ -196,7 +196,7 @@ def gather(
         if is_remembered(memory, world, slot):
             thing = recall(memory, slots, world, slot, base)
             distance = wp.length(wp.vec2(thing.place[0], thing.place[1])) - wp.length(thing.half)
-            if distance < REACH_M:
+            if distance < REACH_M or wp.length(thing.drift) > 0.0:
                 hit = int(0)
                 for hull in range(NUM_HULLS):
                     if overlap(middle_of(hulls, hull), 0.0, half_of(hulls, hull), thing, margin):
