@@ -4,8 +4,8 @@
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Commands tried: the base drives them in thought, among what is remembered.
 
-What a hull overlaps at the start already does not count for it: there the box says more than the robot is.
-Things go on as they were seen to move.
+What a hull overlaps at the start already, because boxes say more than there is, it may leave but not go
+deeper into. Things go on as they were seen to move.
 """
 
 import warp as wp
@@ -23,6 +23,8 @@ _BRAKE_STEPS = wp.constant(4)
 """After these a base that brakes stands, nearly."""
 _LEVEL_M = wp.constant(0.01)
 """What passes above or below a box at this distance touches it [m]."""
+_DEEPER_M = wp.constant(0.002)
+"""A hull that overlaps a thing goes deeper into it when it does by so much [m]."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -31,14 +33,14 @@ wp.set_module_options({"enable_backward": False})
 class Things:
     """What is near, in the base frame: arrays (nworld, k) as in `Thing`; ``count`` are set.
 
-    ``hit`` has a bit for each hull that the thing overlaps already.
+    ``gap`` is how far each hull is from it now, negative where they overlap [m].
     """
 
     place: wp.array2d[wp.vec3]
     drift: wp.array2d[wp.vec2]
     half: wp.array2d[wp.vec2]
     height: wp.array2d[wp.vec2]
-    hit: wp.array2d[int]
+    gap: wp.array2d[wp.vec4]
     count: wp.array[int]
 
 
@@ -115,12 +117,29 @@ def overlap(centre: wp.vec2, yaw: float, half: wp.vec2, thing: Thing, margin: fl
 
 
 @wp.func
+def _gap(centre: wp.vec2, half: wp.vec2, thing: Thing) -> float:
+    """Distance of an aligned rectangle from a thing along the axis that separates them most [m]."""
+    cos_yaw = wp.cos(thing.place[2])
+    sin_yaw = wp.sin(thing.place[2])
+    dx = thing.place[0] - centre[0]
+    dy = thing.place[1] - centre[1]
+    wide = wp.abs(cos_yaw)
+    cross = wp.abs(sin_yaw)
+    gap = wp.abs(dx) - half[0] - wide * thing.half[0] - cross * thing.half[1]
+    gap = wp.max(gap, wp.abs(dy) - half[1] - cross * thing.half[0] - wide * thing.half[1])
+    along = wp.abs(cos_yaw * dx + sin_yaw * dy)
+    aside = wp.abs(cos_yaw * dy - sin_yaw * dx)
+    gap = wp.max(gap, along - thing.half[0] - wide * half[0] - cross * half[1])
+    return wp.max(gap, aside - thing.half[1] - cross * half[0] - wide * half[1])
+
+
+@wp.func
 def _hits(world: int, pose: wp.vec3, steps: float, trial: Trial) -> bool:
     """Whether the robot at a pose in the present base frame, steps from now, touches what it does not now."""
     cos_yaw = wp.cos(pose[2])
     sin_yaw = wp.sin(pose[2])
     for k in range(trial.things.count[world]):
-        hit = trial.things.hit[world, k]
+        gap = trial.things.gap[world, k]
         height = trial.things.height[world, k]
         drift = trial.things.drift[world, k]
         thing = Thing()
@@ -129,13 +148,16 @@ def _hits(world: int, pose: wp.vec3, steps: float, trial: Trial) -> bool:
         for hull in range(NUM_HULLS):
             is_level = height[0] < trial.hulls.high[hull, 2] + _LEVEL_M
             is_level = is_level and height[1] > trial.hulls.low[hull, 2] - _LEVEL_M
-            if is_level and (hit & (1 << hull)) == 0:
+            if is_level:
                 middle = middle_of(trial.hulls, hull)
                 centre = wp.vec2(
                     pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
                     pose[1] + sin_yaw * middle[0] + cos_yaw * middle[1],
                 )
-                if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, trial.margin):
+                margin = wp.min(trial.margin, wp.max(gap[hull] - _DEEPER_M, 0.0))
+                if gap[hull] < 0.0:
+                    margin = gap[hull] - _DEEPER_M
+                if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, margin):
                     return True
     return False
 
@@ -197,14 +219,13 @@ def gather(
             thing = recall(memory, slots, world, slot, base)
             distance = wp.length(wp.vec2(thing.place[0], thing.place[1])) - wp.length(thing.half)
             if distance < REACH_M or wp.length(thing.drift) > 0.0:
-                hit = int(0)
+                gap = wp.vec4()
                 for hull in range(NUM_HULLS):
-                    if overlap(middle_of(hulls, hull), 0.0, half_of(hulls, hull), thing, margin):
-                        hit = hit | (1 << hull)
+                    gap[hull] = _gap(middle_of(hulls, hull), half_of(hulls, hull), thing)
                 things.place[world, count] = thing.place
                 things.drift[world, count] = thing.drift
                 things.half[world, count] = thing.half
                 things.height[world, count] = thing.height
-                things.hit[world, count] = hit
+                things.gap[world, count] = gap
                 count += 1
     things.count[world] = count
