@@ -14,7 +14,7 @@ from spin_rl.sim.simulation import Simulation
 from spin_rl.sim.targets import action_for, joint_position
 from spin_rl.tasks.nav.config import GuardConfig
 from spin_rl.warp_kernels.distance_field.field import Field
-from spin_rl.warp_kernels.guard import evade, filter, hulls, recovery, trial
+from spin_rl.warp_kernels.guard import arm, evade, filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
 HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
@@ -26,6 +26,7 @@ _FIRST_HEAD = wp.constant(robot.JOINTS.index(robot.CAMERA_JOINTS[0]))
 @wp.kernel
 def _hold_arm(
     # In
+    stand: wp.array(dtype=wp.bool),
     recovery_left: wp.array(dtype=wp.int32),
     dof_joint: wp.array(dtype=wp.int32),
     dof_share: wp.array(dtype=float),
@@ -36,9 +37,9 @@ def _hold_arm(
     # Out
     action_out: wp.array2d(dtype=float),
 ) -> None:
-    """Keep the arm still where the guard drives by itself, for which the policy has no plan."""
+    """Keep the arm still where it is to stand, and where the guard drives, for which the policy has no plan."""
     w = wp.tid()
-    if recovery_left[w] > 0:
+    if stand[w] or recovery_left[w] > 0:
         for joint in range(_FIRST_HEAD):
             at = joint_position(w, joint, dof_joint, dof_share, qpos)
             action_out[w, 2 + joint] = action_for(
@@ -87,6 +88,10 @@ class Guard:
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
             self._low = wp.zeros((num_worlds, int(hulls.NUM_HULLS)), dtype=wp.vec3)
             self._high = wp.zeros_like(self._low)
+            self._last_low = wp.zeros_like(self._low)
+            self._last_high = wp.zeros_like(self._low)
+            self._stand = wp.zeros(num_worlds, dtype=bool)
+            self._recovery_left = wp.zeros(num_worlds, dtype=wp.int32)
             self._guarded = wp.zeros(num_worlds, dtype=bool)
         self.guarded: torch.Tensor = wp.to_torch(self._guarded)
         self._drive = trial.Drive()
@@ -111,7 +116,8 @@ class Guard:
         with wp.ScopedDevice(self._sim.device):
             for name in ("place", "command", "then"):
                 setattr(state, name, wp.zeros(num_worlds, dtype=wp.vec2))
-            for name in ("stuck", "left", "hold"):
+            state.left = self._recovery_left
+            for name in ("stuck", "hold"):
                 setattr(state, name, wp.zeros(num_worlds, dtype=wp.int32))
             state.has_then = wp.zeros(num_worlds, dtype=bool)
         patience = max(round(stuck_s / self._sim.config.control_period), 1)
@@ -147,18 +153,26 @@ class Guard:
             margin=self._margin,
             guarded_out=self._guarded,
         )
+        arm.keep_arm_off(
+            self._low,
+            self._high,
+            self._things,
+            last_low=self._last_low,
+            last_high=self._last_high,
+            stand_out=self._stand,
+        )
         if self._recovery is not None:
             recovery.recover(**common, **self._recovery, guarded=self._guarded)
-            limits = sim.limits
-            wp.launch(
-                _hold_arm,
-                dim=self._guarded.shape[0],
-                inputs=[
-                    *(self._recovery["recovery"].left, limits.dof_joint, limits.dof_share),
-                    *(limits.joint_low, limits.joint_default, limits.joint_high, sim.data.qpos),
-                ],
-                outputs=[sim.action],
-                device=sim.device,
-            )
+        limits = sim.limits
+        wp.launch(
+            _hold_arm,
+            dim=self._stand.shape[0],
+            inputs=[
+                *(self._stand, self._recovery_left, limits.dof_joint, limits.dof_share),
+                *(limits.joint_low, limits.joint_default, limits.joint_high, sim.data.qpos),
+            ],
+            outputs=[sim.action],
+            device=sim.device,
+        )
         if self._foreseen > 0:
             evade.evade(**common, steps=self._foreseen, margin=self._margin, guarded=self._guarded)

@@ -120,7 +120,7 @@ def evade(
     action: wp.array,
     guarded: wp.array,
 ) -> None:
-    """Replace base actions after which something that moves would meet the robot; graph-safe, the last filter.
+    """Replace base actions after which something that moves would meet the robot; graph-safe, comes last.
 
     Args:
         qpos: Joint positions, shape (nworld, nq).

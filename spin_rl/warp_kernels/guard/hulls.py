@@ -8,6 +8,7 @@ import warp as wp
 
 NUM_HULLS = wp.constant(4)
 """Base; mast and head; arm; wrist and gripper."""
+FIRST_ARM_HULL = wp.constant(2)
 
 _Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 

@@ -117,7 +117,25 @@ def overlap(centre: wp.vec2, yaw: float, half: wp.vec2, thing: Thing, margin: fl
 
 
 @wp.func
-def _gap(centre: wp.vec2, half: wp.vec2, thing: Thing) -> float:
+def thing_of(world: int, k: int, things: Things) -> Thing:
+    """Read what is known of a thing, where it is now."""
+    thing = Thing()
+    thing.place = things.place[world, k]
+    thing.drift = things.drift[world, k]
+    thing.half = things.half[world, k]
+    thing.height = things.height[world, k]
+    return thing
+
+
+@wp.func
+def is_level(world: int, k: int, things: Things, hulls: Hulls, hull: int) -> bool:
+    """Whether a thing is at the height of a hull."""
+    height = things.height[world, k]
+    return height[0] < hulls.high[hull, 2] + _LEVEL_M and height[1] > hulls.low[hull, 2] - _LEVEL_M
+
+
+@wp.func
+def gap_between(centre: wp.vec2, half: wp.vec2, thing: Thing) -> float:
     """Distance of an aligned rectangle from a thing along the axis that separates them most [m]."""
     cos_yaw = wp.cos(thing.place[2])
     sin_yaw = wp.sin(thing.place[2])
@@ -140,15 +158,10 @@ def _hits(world: int, pose: wp.vec3, steps: float, trial: Trial) -> bool:
     sin_yaw = wp.sin(pose[2])
     for k in range(trial.things.count[world]):
         gap = trial.things.gap[world, k]
-        height = trial.things.height[world, k]
-        drift = trial.things.drift[world, k]
-        thing = Thing()
-        thing.place = trial.things.place[world, k] + steps * wp.vec3(drift[0], drift[1], 0.0)
-        thing.half = trial.things.half[world, k]
+        thing = thing_of(world, k, trial.things)
+        thing.place += steps * wp.vec3(thing.drift[0], thing.drift[1], 0.0)
         for hull in range(NUM_HULLS):
-            is_level = height[0] < trial.hulls.high[hull, 2] + _LEVEL_M
-            is_level = is_level and height[1] > trial.hulls.low[hull, 2] - _LEVEL_M
-            if is_level:
+            if is_level(world, k, trial.things, trial.hulls, hull):
                 middle = middle_of(trial.hulls, hull)
                 centre = wp.vec2(
                     pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
@@ -221,7 +234,7 @@ def gather(
             if distance < REACH_M or wp.length(thing.drift) > 0.0:
                 gap = wp.vec4()
                 for hull in range(NUM_HULLS):
-                    gap[hull] = _gap(middle_of(hulls, hull), half_of(hulls, hull), thing)
+                    gap[hull] = gap_between(middle_of(hulls, hull), half_of(hulls, hull), thing)
                 things.place[world, count] = thing.place
                 things.drift[world, count] = thing.drift
                 things.half[world, count] = thing.half
