@@ -37,7 +37,7 @@ def _hold_arm(
     # Out
     action_out: wp.array2d(dtype=float),
 ) -> None:
-    """Keep the arm still where it is to stand, and where the guard drives, for which the policy has no plan."""
+    """Keep the arm still where it is to stand, and where the guard drives: the policy has no plan for it."""
     w = wp.tid()
     if stand[w] or recovery_left[w] > 0:
         for joint in range(_FIRST_HEAD):
