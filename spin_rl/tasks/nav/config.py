@@ -47,7 +47,7 @@ class GuardConfig:
 
     enabled: bool = False
     look_ahead_s: Annotated[float, Range(0.0, 2.0, above=True)] = 0.5
-    margin_m: Annotated[float, Range(0.0, 0.5)] = 0.01
+    margin_m: Annotated[float, Range(0.0, 0.5)] = 0.03
     lag_s: float = 0.2
     memory_s: float = 120.0
     foresee_s: Annotated[float, Range(0.0, 5.0)] = 3.0

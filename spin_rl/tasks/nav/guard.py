@@ -11,40 +11,14 @@ from spin_rl import robot
 from spin_rl.sensors.clearance import robot_shapes
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sim.simulation import Simulation
-from spin_rl.sim.targets import action_for, joint_position
+from spin_rl.tasks.nav.arm_guard import hold_arm, make_joints
 from spin_rl.tasks.nav.config import GuardConfig
 from spin_rl.warp_kernels.distance_field.field import Field
-from spin_rl.warp_kernels.guard import arm, evade, filter, hulls, recovery, trial
+from spin_rl.warp_kernels.guard import evade, filter, hulls, recovery, trial
 from spin_rl.warp_kernels.slots import slots_of
 
 HULLS = {"base": 0, "mast": 1, "head": 1, "arm": 2, "wrist": 3, "gripper": 3}
 """Number of the box that a geom is in, by the first word of its name."""
-
-_FIRST_HEAD = wp.constant(robot.JOINTS.index(robot.CAMERA_JOINTS[0]))
-
-
-@wp.kernel
-def _hold_arm(
-    # In
-    stand: wp.array(dtype=wp.bool),
-    recovery_left: wp.array(dtype=wp.int32),
-    dof_joint: wp.array(dtype=wp.int32),
-    dof_share: wp.array(dtype=float),
-    joint_low: wp.array(dtype=float),
-    joint_default: wp.array(dtype=float),
-    joint_high: wp.array(dtype=float),
-    qpos: wp.array2d(dtype=float),
-    # Out
-    action_out: wp.array2d(dtype=float),
-) -> None:
-    """Keep the arm still where it is to stand, and where the guard drives: the policy has no plan for it."""
-    w = wp.tid()
-    if stand[w] or recovery_left[w] > 0:
-        for joint in range(_FIRST_HEAD):
-            at = joint_position(w, joint, dof_joint, dof_share, qpos)
-            action_out[w, 2 + joint] = action_for(
-                at, joint_low[joint], joint_default[joint], joint_high[joint]
-            )
 
 
 class Guard:
@@ -88,11 +62,9 @@ class Guard:
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
             self._low = wp.zeros((num_worlds, int(hulls.NUM_HULLS)), dtype=wp.vec3)
             self._high = wp.zeros_like(self._low)
-            self._last_low = wp.zeros_like(self._low)
-            self._last_high = wp.zeros_like(self._low)
-            self._stand = wp.zeros(num_worlds, dtype=bool)
             self._recovery_left = wp.zeros(num_worlds, dtype=wp.int32)
             self._guarded = wp.zeros(num_worlds, dtype=bool)
+        self._joints = make_joints(sim, self._shapes)
         self.guarded: torch.Tensor = wp.to_torch(self._guarded)
         self._drive = trial.Drive()
         self._drive.forward = profile.forward_max
@@ -153,26 +125,8 @@ class Guard:
             margin=self._margin,
             guarded_out=self._guarded,
         )
-        arm.keep_arm_off(
-            self._low,
-            self._high,
-            self._things,
-            last_low=self._last_low,
-            last_high=self._last_high,
-            stand_out=self._stand,
-        )
         if self._recovery is not None:
             recovery.recover(**common, **self._recovery, guarded=self._guarded)
-        limits = sim.limits
-        wp.launch(
-            _hold_arm,
-            dim=self._stand.shape[0],
-            inputs=[
-                *(self._stand, self._recovery_left, limits.dof_joint, limits.dof_share),
-                *(limits.joint_low, limits.joint_default, limits.joint_high, sim.data.qpos),
-            ],
-            outputs=[sim.action],
-            device=sim.device,
-        )
+        hold_arm(sim, self._shapes, self._joints, self._low, self._high, self._things, self._recovery_left)
         if self._foreseen > 0:
             evade.evade(**common, steps=self._foreseen, margin=self._margin, guarded=self._guarded)

@@ -63,6 +63,27 @@ def half_of(hulls: Hulls, hull: int) -> wp.vec2:
     )
 
 
+@wp.func
+def in_base(vector: wp.vec3, yaw: float) -> wp.vec3:
+    """Turn a vector from the world into the frame of a base with this yaw [rad]."""
+    cos_yaw = wp.cos(yaw)
+    sin_yaw = wp.sin(yaw)
+    return wp.vec3(
+        cos_yaw * vector[0] + sin_yaw * vector[1], cos_yaw * vector[1] - sin_yaw * vector[0], vector[2]
+    )
+
+
+@wp.func
+def reach_of(shapes: Shapes, i: int, frame: wp.mat33, yaw: float) -> wp.vec3:
+    """How far a geom reaches from its centre along the axes of the base [m]."""
+    half = shapes.half_size[i]
+    reach = wp.vec3(shapes.radius[i], shapes.radius[i], shapes.radius[i])
+    for axis in range(3):
+        along = in_base(wp.vec3(frame[0, axis], frame[1, axis], frame[2, axis]), yaw)
+        reach += half[axis] * wp.vec3(wp.abs(along[0]), wp.abs(along[1]), wp.abs(along[2]))
+    return reach
+
+
 @wp.kernel
 def _measure_hulls(
     shapes: Shapes,
@@ -74,29 +95,15 @@ def _measure_hulls(
 ):
     """The boxes around the robot's geoms, in the base frame."""
     world = wp.tid()
-    cos_yaw = wp.cos(qpos[world, 2])
-    sin_yaw = wp.sin(qpos[world, 2])
+    base = wp.vec3(qpos[world, 0], qpos[world, 1], 0.0)
+    yaw = qpos[world, 2]
     for hull in range(NUM_HULLS):
         low_out[world, hull] = wp.vec3(10.0, 10.0, 10.0)
         high_out[world, hull] = wp.vec3(-10.0, -10.0, -10.0)
     for i in range(shapes.geom.shape[0]):
         geom = shapes.geom[i]
-        offset = geom_xpos[world, geom] - wp.vec3(qpos[world, 0], qpos[world, 1], 0.0)
-        centre = wp.vec3(
-            cos_yaw * offset[0] + sin_yaw * offset[1], cos_yaw * offset[1] - sin_yaw * offset[0], offset[2]
-        )
-        half = shapes.half_size[i]
-        frame = geom_xmat[world, geom]
-        reach = wp.vec3(0.0, 0.0, 0.0)
-        for axis in range(3):
-            column = wp.vec3(frame[0, axis], frame[1, axis], frame[2, axis])
-            in_base = wp.vec3(
-                cos_yaw * column[0] + sin_yaw * column[1],
-                cos_yaw * column[1] - sin_yaw * column[0],
-                column[2],
-            )
-            reach += half[axis] * wp.vec3(wp.abs(in_base[0]), wp.abs(in_base[1]), wp.abs(in_base[2]))
-        reach += wp.vec3(shapes.radius[i], shapes.radius[i], shapes.radius[i])
+        centre = in_base(geom_xpos[world, geom] - base, yaw)
+        reach = reach_of(shapes, i, geom_xmat[world, geom], yaw)
         hull = shapes.hull[i]
         low_out[world, hull] = wp.min(low_out[world, hull], centre - reach)
         high_out[world, hull] = wp.max(high_out[world, hull], centre + reach)

@@ -1,5 +1,7 @@
 """The guard: what it lets pass, what it stops, and that its geometry is MuJoCo's."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks.common import episode
 from spin_rl.tasks.common.config import ScandotsConfig
 from spin_rl.tasks.nav.config import GuardConfig, NavConfig
-from spin_rl.warp_kernels.guard.trial import overlap as _overlap
+from spin_rl.warp_kernels.guard.trial import gap_between, overlap
 from spin_rl.warp_kernels.memory import Thing
 
 BOX = PoolSpec().first_box
@@ -29,9 +31,9 @@ def scene_with(*boxes) -> Scene:
 
 
 def drive(env, command, steps):
-    """Command the base with the head where it started; return how the first episode ended, or None."""
+    """Command the base, or more joints, the others staying; return how the first episode ended, or None."""
     action = env.sim.views.action.clone()
-    action[:, :2] = torch.tensor(command)
+    action[:, : len(command)] = torch.tensor(command)
     for _ in range(steps):
         env.step(action)
         if int(env.outcome[0]) != episode.RUNNING:
@@ -44,8 +46,11 @@ def test_a_box_ahead_is_hit_without_the_guard_alone(make_nav_env, command):
     ahead = scene_with(((1.2, 0.0, 0.15), (0.1, 1.5, 0.15)))
     assert drive(make_nav_env(num_envs=1, scene=ahead), command, 60) == episode.COLLISION
     env = make_nav_env(GUARDED, num_envs=1, scene=ahead)
-    assert drive(env, command, 100) is None
-    assert bool(env.guard.guarded[0])
+    guarded = []
+    for _ in range(100):
+        assert drive(env, command, 1) is None
+        guarded.append(bool(env.guard.guarded[0]))
+    assert any(guarded)
 
 
 def test_on_a_free_floor_every_command_passes(make_nav_env):
@@ -80,6 +85,57 @@ def test_the_robot_makes_way_for_what_comes(make_nav_env):
     env = make_nav_env(GUARDED, num_envs=1, scene=scene)
     assert drive(env, (0.0, 0.0), 120) is None
     assert float(env.sim.views.qpos[0, :2].norm()) > 0.1
+
+
+@pytest.mark.parametrize(("y", "speed"), [(0.2, 0.4), (0.15, 0.5)])
+def test_a_slow_robot_gets_out_of_the_way_of_what_is_faster_if_it_foresees_it(make_nav_env, y, speed):
+    scene = scene_with(((1.9, y, 0.5), (0.15, 0.15, 0.5)))
+    scene.home[BOX] = (-3.0, y, 0.5)
+    scene.retreat[BOX] = (4.9, 0.0)
+    scene.motion_speed[BOX] = speed  # the base reaches 0.3 m/s ahead and 0.1 backwards
+    ends = {}
+    for foresee_s in (0.0, 3.0):
+        guard = replace(GUARDED.guard, foresee_s=foresee_s)
+        cfg = replace(GUARDED, guard=guard, robot_profile="re1")
+        ends[foresee_s] = drive(make_nav_env(cfg, num_envs=1, scene=scene), (0.0, 0.0), 90)
+    assert ends == {0.0: episode.COLLISION, 3.0: None}
+
+
+def test_what_is_near_already_may_be_left_but_not_come_nearer(make_nav_env):
+    guard = replace(GUARDED.guard, margin_m=0.3)  # in front of the base is less
+    scene = scene_with(((0.35, 0.0, 0.1), (0.1, 0.5, 0.1)))
+    scene.start_joints[-1] = -1.2
+    env = make_nav_env(replace(GUARDED, guard=guard), num_envs=1, scene=scene)
+    assert drive(env, (1.0, 0.0), 30) is None
+    assert abs(float(env.sim.views.qpos[0, 0])) < 0.05
+    assert drive(env, (-1.0, 0.0), 30) is None
+    assert float(env.sim.views.qpos[0, 0]) < -0.15
+    assert not env.guard.guarded.any()
+
+
+OUT, DOWN = (0.0, 0.0, -1.0, 1.0), (0.0, 0.0, -1.0, 0.58)
+"""Actions of base, lift and arm: the arm goes out low, the lift goes down with the arm out."""
+
+
+@pytest.mark.parametrize(
+    ("command", "lift", "extension", "shelf"),
+    [
+        (OUT, 0.0, 0.0, ((-0.05, -0.8, 0.6), (0.3, 0.15, 0.6))),
+        (DOWN, 0.8, 0.3, ((-0.05, -0.6, 0.15), (0.3, 0.3, 0.15))),
+    ],
+)
+def test_the_arm_stands_before_it_moves_into_what_was_seen(make_nav_env, command, lift, extension, shelf):
+    scene = scene_with(shelf)
+    scene.start_joints[:2] = (lift, extension)
+    scene.start_joints[-2:] = (-1.57, -0.6)  # looks where the arm is
+    assert drive(make_nav_env(num_envs=1, scene=scene), command, 60) == episode.COLLISION
+    env = make_nav_env(GUARDED, num_envs=1, scene=scene)
+    assert drive(env, command, 60) is None
+    lift_now, outer, inner = env.sim.views.qpos[0, 3:6].tolist()
+    assert abs(lift_now - lift) + abs(outer + inner - extension) > 0.1
+    back = (*command[:2], 0.0, 0.0)  # the policy may take the arm back
+    drive(env, back, 30)
+    assert abs(env.sim.views.qpos[0, 4].item()) < 0.01
 
 
 def test_the_hulls_hold_the_robot_tightly(make_nav_env):
@@ -118,36 +174,64 @@ def surface(model, sim, world, geom):
 
 
 @wp.kernel
-def _overlaps(a: wp.array2d(dtype=float), b: wp.array2d(dtype=float), out: wp.array(dtype=bool)):
+def _compare(
+    a: wp.array2d(dtype=float),
+    b: wp.array2d(dtype=float),
+    overlaps: wp.array(dtype=bool),
+    gaps: wp.array(dtype=float),
+):
     i = wp.tid()
     thing = Thing()
     thing.place = wp.vec3(b[i, 0], b[i, 1], b[i, 2])
     thing.half = wp.vec2(b[i, 3], b[i, 4])
-    out[i] = _overlap(wp.vec2(a[i, 0], a[i, 1]), a[i, 2], wp.vec2(a[i, 3], a[i, 4]), thing, 0.0)
+    centre = wp.vec2(a[i, 0], a[i, 1])
+    half = wp.vec2(a[i, 3], a[i, 4])
+    overlaps[i] = overlap(centre, a[i, 2], half, thing, 0.0)
+    gaps[i] = gap_between(centre, half, thing)
 
 
-def test_rectangles_overlap_where_mujocos_boxes_do(device):
-    rng = np.random.default_rng(3)
-    n = 500
-    a, b = (
-        np.column_stack(
-            [rng.uniform(-0.6, 0.6, (n, 2)), rng.uniform(-4, 4, n), rng.uniform(0.02, 0.5, (n, 2))]
-        )
-        for _ in range(2)
-    )
-    out = wp.zeros(n, dtype=bool, device=device)
+def compare(device, a, b):
+    """Whether rectangles of x, y, yaw and half extents overlap, and how far the aligned ones are apart."""
+    overlaps = wp.zeros(len(a), dtype=bool, device=device)
+    gaps = wp.zeros(len(a), dtype=float, device=device)
     arrays = [wp.array(each, dtype=float, device=device) for each in (a, b)]
-    wp.launch(_overlaps, dim=n, inputs=arrays, outputs=[out], device=device)
+    wp.launch(_compare, dim=len(a), inputs=arrays, outputs=[overlaps, gaps], device=device)
+    return overlaps.numpy(), gaps.numpy()
+
+
+def rectangles(n, seed, *, aligned=False):
+    rng = np.random.default_rng(seed)
+    yaw = rng.uniform(-4, 4, n)
+    return np.column_stack(
+        [rng.uniform(-0.6, 0.6, (n, 2)), 0.0 * yaw if aligned else yaw, rng.uniform(0.02, 0.5, (n, 2))]
+    )
+
+
+def mujoco_distances(a, b):
+    """Signed distances of upright boxes with these rectangles [m], negative where they overlap."""
     xml = "<mujoco><worldbody>" + 2 * "<body><freejoint/><geom type='box' size='1 1 1'/></body>"
     model = mujoco.MjModel.from_xml_string(xml + "</worldbody></mujoco>")
     data = mujoco.MjData(model)
-    told, wanted = out.numpy(), []
+    distances = []
     for pair in zip(a, b, strict=True):
         for body, (x, y, yaw, *half) in enumerate(pair):
-            model.geom_size[body] = (*half, 1.0)
+            model.geom_size[body] = (*half, 2.0)
             data.qpos[7 * body : 7 * body + 7] = (x, y, 0, np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
         mujoco.mj_forward(model, data)
-        wanted.append(mujoco.mj_geomDistance(model, data, 0, 1, 10.0, None))
-    wanted = np.array(wanted)
+        distances.append(mujoco.mj_geomDistance(model, data, 0, 1, 10.0, None))
+    return np.array(distances)
+
+
+def test_rectangles_overlap_where_mujocos_boxes_do(device):
+    a, b = rectangles(500, 3), rectangles(500, 4)
+    told, wanted = compare(device, a, b)[0], mujoco_distances(a, b)
     clear = np.abs(wanted) > 1e-3
     assert (told == (wanted < 0.0))[clear].all() and 100 < told.sum() < 400 and clear.sum() > 450
+
+
+def test_rectangles_are_in_each_other_as_deep_as_mujocos_boxes(device):
+    a, b = rectangles(300, 5, aligned=True), rectangles(300, 6)
+    told, wanted = compare(device, a, b)[1], mujoco_distances(a, b)
+    inside = wanted < -1e-3
+    np.testing.assert_allclose(told[inside], wanted[inside], atol=2e-3)
+    assert (told[~inside] <= wanted[~inside] + 1e-3).all() and 50 < inside.sum() < 250
