@@ -80,8 +80,9 @@ class Guard:
         with wp.ScopedDevice(sim.device):
             self._shapes.hull = wp.array([HULLS[name.partition("_")[0]] for name in names], dtype=wp.int32)
             self._things.place = wp.zeros((num_worlds, k), dtype=wp.vec3)
-            for name in ("drift", "half", "height"):
+            for name in ("drift", "half"):
                 setattr(self._things, name, wp.zeros((num_worlds, k), dtype=wp.vec2))
+            self._things.reach = wp.zeros((num_worlds, k), dtype=float)
             self._things.hit = wp.zeros((num_worlds, k), dtype=wp.int32)
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
             self._low = wp.zeros((num_worlds, int(hulls.NUM_HULLS)), dtype=wp.vec3)

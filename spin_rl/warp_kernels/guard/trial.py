@@ -21,6 +21,8 @@ _STEP_S = wp.constant(0.1)
 """Time between poses that are tried, a control step [s]."""
 _BRAKE_STEPS = wp.constant(4)
 """After these a base that brakes stands, nearly."""
+_ROUNDING_M = wp.constant(1.0e-3)
+"""More than rounding errors of distances."""
 _LEVEL_M = wp.constant(0.01)
 """What passes above or below a box at this distance touches it [m]."""
 
@@ -31,14 +33,15 @@ wp.set_module_options({"enable_backward": False})
 class Things:
     """What is near, in the base frame: arrays (nworld, k) as in `Thing`; ``count`` are set.
 
-    ``hit`` has a bit for each hull that the thing overlaps already.
+    ``hit`` has a bit for each hull that the thing cannot hit: it overlaps it already, or passes above or below.
+    ``reach`` is the distance of its middle to the base's origin from which it hits nothing [m].
     """
 
     place: wp.array2d[wp.vec3]
     drift: wp.array2d[wp.vec2]
     half: wp.array2d[wp.vec2]
-    height: wp.array2d[wp.vec2]
     hit: wp.array2d[int]
+    reach: wp.array2d[float]
     count: wp.array[int]
 
 
@@ -92,10 +95,18 @@ class Motion:
 
 
 @wp.func
+def _circle(half: wp.vec2, thing: Thing, margin: float) -> float:
+    """Distance of their middles from which a rectangle and a thing do not `overlap`, whatever their yaw."""
+    return wp.length(half) + wp.length(thing.half) + 1.5 * margin + _ROUNDING_M
+
+
+@wp.func
 def overlap(centre: wp.vec2, yaw: float, half: wp.vec2, thing: Thing, margin: float) -> bool:
     """Whether a rectangle on the floor comes nearer to a thing than a margin, by separating axes."""
     dx = thing.place[0] - centre[0]
     dy = thing.place[1] - centre[1]
+    if wp.length(wp.vec2(dx, dy)) > _circle(half, thing, margin):
+        return False
     turn = thing.place[2] - yaw
     cos_turn = wp.abs(wp.cos(turn))
     sin_turn = wp.abs(wp.sin(turn))
@@ -120,23 +131,21 @@ def _hits(world: int, pose: wp.vec3, steps: float, trial: Trial) -> bool:
     cos_yaw = wp.cos(pose[2])
     sin_yaw = wp.sin(pose[2])
     for k in range(trial.things.count[world]):
-        hit = trial.things.hit[world, k]
-        height = trial.things.height[world, k]
         drift = trial.things.drift[world, k]
         thing = Thing()
         thing.place = trial.things.place[world, k] + steps * wp.vec3(drift[0], drift[1], 0.0)
-        thing.half = trial.things.half[world, k]
-        for hull in range(NUM_HULLS):
-            is_level = height[0] < trial.hulls.high[hull, 2] + _LEVEL_M
-            is_level = is_level and height[1] > trial.hulls.low[hull, 2] - _LEVEL_M
-            if is_level and (hit & (1 << hull)) == 0:
-                middle = middle_of(trial.hulls, hull)
-                centre = wp.vec2(
-                    pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
-                    pose[1] + sin_yaw * middle[0] + cos_yaw * middle[1],
-                )
-                if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, trial.margin):
-                    return True
+        away = wp.vec2(thing.place[0] - pose[0], thing.place[1] - pose[1])
+        if wp.length(away) <= trial.things.reach[world, k]:
+            thing.half = trial.things.half[world, k]
+            for hull in range(NUM_HULLS):
+                if (trial.things.hit[world, k] & (1 << hull)) == 0:
+                    middle = middle_of(trial.hulls, hull)
+                    centre = wp.vec2(
+                        pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
+                        pose[1] + sin_yaw * middle[0] + cos_yaw * middle[1],
+                    )
+                    if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, trial.margin):
+                        return True
     return False
 
 
@@ -187,7 +196,7 @@ def gather(
     margin: float,
     things: Things,
 ):
-    """List what is remembered within reach, with the hulls that it overlaps already."""
+    """List what is remembered within reach and may hit a hull with a margin of no more than this [m]."""
     count = int(0)
     for token in range(nearby.shape[1]):
         slot = nearby[world, token]
@@ -198,13 +207,21 @@ def gather(
             distance = wp.length(wp.vec2(thing.place[0], thing.place[1])) - wp.length(thing.half)
             if distance < REACH_M:
                 hit = int(0)
+                reach = float(0.0)
                 for hull in range(NUM_HULLS):
-                    if overlap(middle_of(hulls, hull), 0.0, half_of(hulls, hull), thing, margin):
+                    middle = middle_of(hulls, hull)
+                    half = half_of(hulls, hull)
+                    is_level = thing.height[0] < hulls.high[hull, 2] + _LEVEL_M
+                    is_level = is_level and thing.height[1] > hulls.low[hull, 2] - _LEVEL_M
+                    if not is_level or overlap(middle, 0.0, half, thing, margin):
                         hit = hit | (1 << hull)
-                things.place[world, count] = thing.place
-                things.drift[world, count] = thing.drift
-                things.half[world, count] = thing.half
-                things.height[world, count] = thing.height
-                things.hit[world, count] = hit
-                count += 1
+                    else:
+                        reach = wp.max(reach, wp.length(middle) + _circle(half, thing, margin))
+                if reach > 0.0:
+                    things.place[world, count] = thing.place
+                    things.drift[world, count] = thing.drift
+                    things.half[world, count] = thing.half
+                    things.hit[world, count] = hit
+                    things.reach[world, count] = reach
+                    count += 1
     things.count[world] = count
