@@ -97,8 +97,10 @@ def recall(memory: Memory, slots: Slots, world: int, slot: int, base: wp.vec3) -
 
 
 @wp.kernel
-def _recall_all(memory: Memory, slots: Slots, known_out: Slots):
+def _recall_all(mask: wp.array[wp.bool], memory: Memory, slots: Slots, known_out: Slots):
     world, slot = wp.tid()
+    if not mask[world]:
+        return
     known = is_remembered(memory, world, slot)
     if known and wp.length(memory.velocity[world, slot]) > 0.0:
         known = memory.step[world] - memory.seen_at[world, slot] <= _IN_VIEW
@@ -200,10 +202,11 @@ def remember(slots: Slots, nearby: wp.array, qpos: wp.array, visible: wp.array, 
     wp.launch(_remember, dim=nearby.shape, inputs=[slots, nearby, qpos, visible, memory], device=device)
 
 
-def recall_all(memory: Memory, slots: Slots, known_out: Slots) -> None:
+def recall_all(mask: wp.array, memory: Memory, slots: Slots, known_out: Slots) -> None:
     """Put what is remembered where it is expected, what moves only while it is in view; graph-safe.
 
     Args:
+        mask: Worlds to do it in, shape (nworld,), bool; the others' slots stay.
         memory: What was seen.
         slots: Walls and obstacles, for their heights.
         known_out: Output, boxes in as many slots; inactive where nothing is remembered.
@@ -211,7 +214,7 @@ def recall_all(memory: Memory, slots: Slots, known_out: Slots) -> None:
     wp.launch(
         _recall_all,
         dim=memory.seen_at.shape,
-        inputs=[memory, slots],
+        inputs=[mask, memory, slots],
         outputs=[known_out],
         device=memory.seen_at.device,
     )

@@ -158,10 +158,11 @@ def test_all_that_is_remembered_is_recalled_as_slots(place):
         is_cylinder=wp.zeros(1, dtype=wp.bool, device=place.device),
     )
     slots = slots_of(known)
-    recall_all(place.seen.memory, place.seen.obstacles, slots)
+    everywhere = wp.full(WORLDS, True, dtype=wp.bool, device=place.device)
+    recall_all(everywhere, place.seen.memory, place.seen.obstacles, slots)
     assert not known.active.numpy().any()
     place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.3))
-    recall_all(place.seen.memory, place.seen.obstacles, slots)
+    recall_all(everywhere, place.seen.memory, place.seen.obstacles, slots)
     assert known.active.numpy().all()
     np.testing.assert_allclose(known.half_size.numpy()[0, 0], (0.2, 0.1, 0.4), atol=1e-5)
     middle = (2.0 - 0.2 * np.cos(0.3), 1.0 - 0.2 * np.sin(0.3), 0.4)
@@ -173,5 +174,5 @@ def test_all_that_is_remembered_is_recalled_as_slots(place):
     place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.3))
     for steps, is_there in ((5, True), (1, False)):
         place.look_away(steps)
-        recall_all(place.seen.memory, place.seen.obstacles, slots)
+        recall_all(everywhere, place.seen.memory, place.seen.obstacles, slots)
         assert bool(known.active.numpy().all()) == is_there

@@ -154,6 +154,7 @@ class Ways:
             self.field.goal = wp.zeros(nworld, dtype=wp.vec2)
             self._kinds = wp.zeros(grids.shape, dtype=wp.int32)
             self._queue = wp.zeros((nworld, ny * nx), dtype=wp.int32)
+            self._box = wp.zeros(nworld, dtype=wp.vec4i)
             self._everywhere = wp.zeros(0, dtype=wp.int32)
             self._length = wp.zeros(nworld, dtype=float)
             self._points = wp.zeros((nworld, _MOST_POINTS), dtype=wp.vec2)
@@ -178,6 +179,7 @@ class Ways:
             self.field,
             kinds=self._kinds,
             queue=self._queue,
+            box=self._box,
             rings=_RINGS,
             near=self._everywhere,
             beyond=0.0,

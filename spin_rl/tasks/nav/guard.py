@@ -58,6 +58,7 @@ class Guard:
             self._things.place = wp.zeros((num_worlds, k), dtype=wp.vec3)
             for name in ("drift", "half", "height"):
                 setattr(self._things, name, wp.zeros((num_worlds, k), dtype=wp.vec2))
+            self._things.reach = wp.zeros((num_worlds, k), dtype=float)
             self._things.gap = wp.zeros((num_worlds, k), dtype=wp.vec4)
             self._things.count = wp.zeros(num_worlds, dtype=wp.int32)
             self._low = wp.zeros((num_worlds, int(hulls.NUM_HULLS)), dtype=wp.vec3)

@@ -20,7 +20,8 @@ from spin_rl.warp_kernels.memory import recall_all
 from spin_rl.warp_kernels.slots import Slots
 
 _BEYOND_M = 1.5
-"""Ways from around the robot are known where they are longer than its own by so much."""
+"""Ways from around the robot are known where they, with the straight line to their beginning, are longer than
+its own by no more than so much."""
 
 wp.set_module_options({"enable_backward": False})
 
@@ -115,7 +116,7 @@ class Planner(Sensor):
 
     @property
     def field(self) -> Field:
-        """Lengths of the ways, for kernels; they reach 1.5 m beyond the robot's own."""
+        """Lengths of the ways, for kernels, around the robot's own."""
         return self._distance_field.field
 
     def begin(self, mask: wp.array) -> None:
@@ -132,7 +133,6 @@ class Planner(Sensor):
     def update(self) -> None:
         """Plan where there is news, and look ahead along the ways in all worlds; graph-safe."""
         memory = self._seen.memory
-        recall_all(memory, self._seen.obstacles, self._known)
         wp.launch(
             _choose,
             dim=self._mask.shape[0],
@@ -140,6 +140,7 @@ class Planner(Sensor):
             outputs=[self._mask, self._distance_field.near],
             device=self._mask.device,
         )
+        recall_all(self._mask, memory, self._seen.obstacles, self._known)
         self._distance_field.update(self._goal, self._mask)
         look_ahead(self.field, self._qpos, self._goal, self._ahead_m, subgoal_out=self._subgoal)
 

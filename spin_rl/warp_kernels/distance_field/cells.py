@@ -19,7 +19,7 @@ KIND = wp.constant(3)
 BORDER = wp.constant(4)
 """Flag of the outermost cells, which lack neighbours: they never get values. The solver's flags are above."""
 
-_NEAR = wp.constant(6)
+NEAR = wp.constant(6)
 """Cells around the goal with exact values."""
 
 wp.set_module_options({"enable_backward": False})
@@ -56,6 +56,7 @@ def _counts(obstacles: Slots, world: int, slot: int, ceiling: float) -> bool:
 def _clear(
     mask: wp.array[wp.bool],
     goal: wp.array[wp.vec2],
+    box: wp.array[wp.vec4i],
     lanes: int,
     # Out
     field: Field,
@@ -68,10 +69,13 @@ def _clear(
         field.goal[world] = goal[world]
     rows = field.values.shape[1]
     columns = field.values.shape[2]
+    dirty = box[world]
+    for row in range(dirty[1] + lane, 1 - dirty[3], lanes):
+        for column in range(dirty[0], 1 - dirty[2]):
+            field.values[world, row, column] = UNREACHABLE
     for row in range(lane, rows, lanes):
         kind = wp.where(row == 0 or row == rows - 1, BORDER, FREE)
         for column in range(columns):
-            field.values[world, row, column] = UNREACHABLE
             kinds_out[world, row, column] = kind
         kinds_out[world, row, 0] = BORDER
         kinds_out[world, row, columns - 1] = BORDER
@@ -160,11 +164,11 @@ def _seed(
     columns = field.values.shape[2]
     if not (at[0] >= 1.0 and at[1] >= 1.0 and at[0] < float(columns - 1) and at[1] < float(rows - 1)):
         return
-    reach = float(_NEAR) * field.cell
-    low = wp.max(int(at[1]) - _NEAR, 1)
-    high = wp.min(int(at[1]) + _NEAR, rows - 2)
-    left = wp.max(int(at[0]) - _NEAR, 1)
-    right = wp.min(int(at[0]) + _NEAR, columns - 2)
+    reach = float(NEAR) * field.cell
+    low = wp.max(int(at[1]) - NEAR, 1)
+    high = wp.min(int(at[1]) + NEAR, rows - 2)
+    left = wp.max(int(at[0]) - NEAR, 1)
+    right = wp.min(int(at[0]) + NEAR, columns - 2)
     for row in range(low, high + 1):
         for column in range(left, right + 1):
             distance = wp.length(cell_centre(field, world, column, row) - goal)
@@ -193,6 +197,7 @@ def prepare_cells(
     field: Field,
     *,
     kinds: wp.array,
+    box: wp.array,
     ceiling: float,
     clearance: float,
     blocked: float,
@@ -203,7 +208,7 @@ def prepare_cells(
     Arguments as in ``solve_distance_field``; a world's work is shared by ``lanes`` threads.
     """
     launch = {"dim": (mask.shape[0], lanes), "device": mask.device}
-    wp.launch(_clear, inputs=[mask, goal, lanes], outputs=[field, kinds], **launch)
+    wp.launch(_clear, inputs=[mask, goal, box, lanes], outputs=[field, kinds], **launch)
     wp.launch(
         _rasterize,
         inputs=[mask, obstacles, ceiling, clearance, blocked, lanes, field],

@@ -21,6 +21,8 @@ _STEP_S = wp.constant(0.1)
 """Time between poses that are tried, a control step [s]."""
 _BRAKE_STEPS = wp.constant(4)
 """After these a base that brakes stands, nearly."""
+_ROUNDING_M = wp.constant(1.0e-3)
+"""More than rounding errors of distances."""
 _LEVEL_M = wp.constant(0.01)
 """What passes above or below a box at this distance touches it [m]."""
 _DEEPER_M = wp.constant(0.002)
@@ -33,7 +35,8 @@ wp.set_module_options({"enable_backward": False})
 class Things:
     """What is near, in the base frame: arrays (nworld, k) as in `Thing`; ``count`` are set.
 
-    ``gap`` is how far each hull is from it now, negative where they overlap [m].
+    ``gap`` is how far each hull is from it now, negative where they overlap [m]. ``reach`` is the distance
+    of its middle to the base's origin from which it hits nothing [m], 0 if it passes above or below all hulls.
     """
 
     place: wp.array2d[wp.vec3]
@@ -41,6 +44,7 @@ class Things:
     half: wp.array2d[wp.vec2]
     height: wp.array2d[wp.vec2]
     gap: wp.array2d[wp.vec4]
+    reach: wp.array2d[float]
     count: wp.array[int]
 
 
@@ -94,10 +98,18 @@ class Motion:
 
 
 @wp.func
+def _circle(half: wp.vec2, thing: Thing, margin: float) -> float:
+    """Distance of their middles from which a rectangle and a thing do not `overlap`, whatever their yaw."""
+    return wp.length(half) + wp.length(thing.half) + 1.5 * wp.max(margin, 0.0) + _ROUNDING_M
+
+
+@wp.func
 def overlap(centre: wp.vec2, yaw: float, half: wp.vec2, thing: Thing, margin: float) -> bool:
     """Whether a rectangle on the floor comes nearer to a thing than a margin, by separating axes."""
     dx = thing.place[0] - centre[0]
     dy = thing.place[1] - centre[1]
+    if wp.length(wp.vec2(dx, dy)) > _circle(half, thing, margin):
+        return False
     turn = thing.place[2] - yaw
     cos_turn = wp.abs(wp.cos(turn))
     sin_turn = wp.abs(wp.sin(turn))
@@ -160,18 +172,20 @@ def _hits(world: int, pose: wp.vec3, steps: float, trial: Trial) -> bool:
         gap = trial.things.gap[world, k]
         thing = thing_of(world, k, trial.things)
         thing.place += steps * wp.vec3(thing.drift[0], thing.drift[1], 0.0)
-        for hull in range(NUM_HULLS):
-            if is_level(world, k, trial.things, trial.hulls, hull):
-                middle = middle_of(trial.hulls, hull)
-                centre = wp.vec2(
-                    pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
-                    pose[1] + sin_yaw * middle[0] + cos_yaw * middle[1],
-                )
-                margin = wp.min(trial.margin, wp.max(gap[hull] - _DEEPER_M, 0.0))
-                if gap[hull] < 0.0:
-                    margin = gap[hull] - _DEEPER_M
-                if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, margin):
-                    return True
+        away = wp.vec2(thing.place[0] - pose[0], thing.place[1] - pose[1])
+        if wp.length(away) <= trial.things.reach[world, k]:
+            for hull in range(NUM_HULLS):
+                if is_level(world, k, trial.things, trial.hulls, hull):
+                    middle = middle_of(trial.hulls, hull)
+                    centre = wp.vec2(
+                        pose[0] + cos_yaw * middle[0] - sin_yaw * middle[1],
+                        pose[1] + sin_yaw * middle[0] + cos_yaw * middle[1],
+                    )
+                    margin = wp.min(trial.margin, wp.max(gap[hull] - _DEEPER_M, 0.0))
+                    if gap[hull] < 0.0:
+                        margin = gap[hull] - _DEEPER_M
+                    if overlap(centre, pose[2], half_of(trial.hulls, hull), thing, margin):
+                        return True
     return False
 
 
@@ -222,7 +236,7 @@ def gather(
     margin: float,
     things: Things,
 ):
-    """List what is remembered within reach, with the hulls that it overlaps already."""
+    """List what is remembered within reach, to be tried with a margin of no more than this [m]."""
     count = int(0)
     for token in range(nearby.shape[1]):
         slot = nearby[world, token]
@@ -232,13 +246,19 @@ def gather(
             thing = recall(memory, slots, world, slot, base)
             distance = wp.length(wp.vec2(thing.place[0], thing.place[1])) - wp.length(thing.half)
             if distance < REACH_M or wp.length(thing.drift) > 0.0:
-                gap = wp.vec4()
-                for hull in range(NUM_HULLS):
-                    gap[hull] = gap_between(middle_of(hulls, hull), half_of(hulls, hull), thing)
                 things.place[world, count] = thing.place
                 things.drift[world, count] = thing.drift
                 things.half[world, count] = thing.half
                 things.height[world, count] = thing.height
+                gap = wp.vec4()
+                reach = float(0.0)
+                for hull in range(NUM_HULLS):
+                    middle = middle_of(hulls, hull)
+                    half = half_of(hulls, hull)
+                    gap[hull] = gap_between(middle, half, thing)
+                    if is_level(world, count, things, hulls, hull):
+                        reach = wp.max(reach, wp.length(middle) + _circle(half, thing, margin))
                 things.gap[world, count] = gap
+                things.reach[world, count] = reach
                 count += 1
     things.count[world] = count
