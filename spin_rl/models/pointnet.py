@@ -48,13 +48,15 @@ class PointNet(nn.Module):
         valid = tokens[..., -NUM_FLAGS:].amax(dim=-1) > 0
         if tokens.is_cuda:  # choosing the valid ones would need their number on the host
             per_token = self.mlp(tokens).masked_fill(~valid.unsqueeze(-1), -torch.inf)
+            largest = per_token.max(dim=-2).values
         else:
             # Most tokens are masked: cost follows the number of valid ones.
             index = valid.flatten().nonzero().squeeze(1)
             chosen = self.mlp(tokens.flatten(0, -2).index_select(0, index))
-            per_token = chosen.new_full((valid.numel(), self.latent), -torch.inf).index_copy(0, index, chosen)
-            per_token = per_token.view(*valid.shape, self.latent)
-        return torch.where(valid.any(dim=-1, keepdim=True), per_token.max(dim=-2).values, 0.0)
+            counts = valid.sum(dim=-1)
+            largest = torch.segment_reduce(chosen, "max", lengths=counts.flatten(), axis=0)
+            largest = largest.view(*counts.shape, self.latent)
+        return torch.where(valid.any(dim=-1, keepdim=True), largest, 0.0)
 
 
 class NoPointNet(nn.Module):
