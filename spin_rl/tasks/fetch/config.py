@@ -56,8 +56,8 @@ class FetchConfig(GraspConfig, CorridorConfig):
         episode_s: Longest episode [s]; the stages' limits end it before.
         pick_range_m: Depths that the pick policy sees as 0 and as 255 [m], if it was not trained with those
             of the depth filter.
-        tell_table: Whether scandots tell of the table too. Without it tokens are those of navigation, slot for
-            slot, as a policy needs that takes a fixed number of them.
+        tell_table: Whether scandots tell of the table too. Without it tokens are those of navigation, slot
+            for slot, as a policy needs that takes a fixed number of them.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
         home_tolerance_m: Distance at which the start is reached again [m]; unlike goals, starts can be where
