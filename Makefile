@@ -43,9 +43,10 @@ test: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(ARGS)
 
 # Every training and evaluation of the comparison with the paper: hours. ARGS=run=false lists them, ARGS=only=fixcam or
-# ARGS=minutes=120 takes a part, and the next call goes on.
+# ARGS=minutes=120 takes a part, and the next call goes on. What is measured goes into docs/results.md.
 reproduce: setup
 	$(BIN)/spin-reproduce run=true $(ARGS)
+	$(BIN)/spin-eval table=all out=docs/results.md >/dev/null
 
 # Whether the tests notice what breaks; some minutes.
 mutants: setup

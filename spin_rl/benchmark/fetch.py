@@ -36,6 +36,7 @@ _RULES = (
     "object",
     "detector",
     "pick_range_m",
+    "tell_table",
     "retries",
     "goal_tolerance_m",
     "home_tolerance_m",

@@ -43,6 +43,7 @@ def for_policy(
         *_CAMERA_ACTIONS,
         "task.pick_range_m",
         "task.goal_range_m",
+        "task.tell_table",
     ]
     sections = ["task.scandots", "task.map", "task.sight", "task.manipulation", "task.depth"]
     sections += ["task.lidar", "task.odometry", "task.guard", "task.planner"]
@@ -85,6 +86,8 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
     if (goal_range := OmegaConf.select(sources[0], "task.goal_range_m")) is not None:
         OmegaConf.update(joint, "task.goal_range_m", goal_range, force_add=True)
+    if OmegaConf.select(sources[0], "runner.actor.encoder") == "concat":  # a fixed number of tokens
+        OmegaConf.update(joint, "task.tell_table", False, force_add=True)
     read = OmegaConf.select(seeing[0], "depth.filter") if seeing else None
     for name in _RANGE:
         if read is not None and name in read:

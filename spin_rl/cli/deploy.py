@@ -120,6 +120,8 @@ def _value(text: str) -> Any:
 def _deploy(options: Options, settings: dict[str, Any]) -> int:
     assert options.policy is not None and options.backend is not None
     agent = open_agent(options.policy, options.speed_scale, pilot=options.pilot)
+    if options.log is not None and options.log.resolve() in map(Path.resolve, files_of(options.policy)):
+        raise ConfigError(f"log: {options.log} is the policy's own file")
     robot = open_backend(options.backend, settings, agent.contract)
     log = None
     try:

@@ -22,7 +22,7 @@ from spin_rl.deploy.backends.renderers import RENDERERS
 from spin_rl.extras import require
 from spin_rl.files import write_json
 from spin_rl.ranges import Seed
-from spin_rl.reproduce.tables.registry import TABLES
+from spin_rl.reproduce.tables.registry import ALL, TABLES
 from spin_rl.tasks.common.config import TaskConfig
 from spin_rl.tasks.registry import TaskSpec, find_task
 
@@ -106,7 +106,7 @@ class Options:
     backend: Annotated[str, Choice(tuple(backend_report.BACKENDS))] | None
     renderer: Annotated[str, Choice(RENDERERS)]
     processes: Annotated[int, Range(1)]
-    table: Annotated[str, Choice(tuple(TABLES))] | None
+    table: Annotated[str, Choice((*TABLES, ALL))] | None
     fresh: bool
     analysis: Annotated[str, Choice(ANALYSES)] | None
     plot: Path | None

@@ -17,6 +17,7 @@ from spin_rl.deploy.kinematics import Kinematics
 from spin_rl.deploy.network import Network
 from spin_rl.deploy.observations import Observer, Situation, as_pixels, in_base, out_of_base
 from spin_rl.deploy.pilot.pilot import Pilot
+from spin_rl.deploy.pilot.track import Track
 from spin_rl.sensors.depth.robot import RobotDepthFilter, resample_depth, upright
 
 ARRIVED = "arrived"
@@ -31,11 +32,13 @@ class Inputs:
         state: What the robot measures of itself.
         depth: The depth image as `Agent.reduce` returned it; None where neither policy nor pilot reads any.
         told: Observation groups that others compute, by name, each of shape (1, size).
+        taken_s: When the image was taken, by the clock of the state's stamp [s]; None: with the state.
     """
 
     state: RobotState
     depth: np.ndarray | None = None
     told: Mapping[str, np.ndarray] = field(default_factory=dict)
+    taken_s: float | None = None
 
 
 class Agent:
@@ -65,6 +68,7 @@ class Agent:
         if camera.image is not None and config is not None:
             self._filter = RobotDepthFilter(config, camera.image, mount=camera.mount)
         self.pilot = Pilot(self.contract, speed_scale) if pilot and self.contract.has_pilot else None
+        self._track = Track()
         down, across = (math.tan(math.radians(fov) / 2) for fov in camera.fov_deg)
         self._tan_half_fov = (down, across)
 
@@ -97,6 +101,7 @@ class Agent:
         if self.pilot is not None:
             assert goal is not None
             self.pilot.reset(state.base, goal)
+            self._track = Track()
 
     def aim(self, goal: np.ndarray | None, object_start: np.ndarray | None) -> None:
         """Set goal and place of the object at the start, both in the frame of the odometry [m]."""
@@ -117,7 +122,9 @@ class Agent:
         goal = self._goal
         if self.pilot is not None:
             assert inputs.depth is not None
-            self.pilot.see(inputs.depth, inputs.state.joints, inputs.state.base)
+            self._track.add(inputs.state)
+            taken_s = inputs.state.stamp_s if inputs.taken_s is None else inputs.taken_s
+            self.pilot.see(inputs.depth, *self._track.at(taken_s))
             goal = self.pilot.subgoal(inputs.state.base)
         now = Situation(
             state=inputs.state,

@@ -1,20 +1,16 @@
 """What an exported policy reads, what its actions mean and how it is to be run: the metadata of its file.
 
-`spin_rl.export` writes it, the runtime reads it and knows nothing of the policy beside. Every field of
-`Contract` is one entry of the ONNX file's metadata, as JSON.
+`spin_rl.export` writes it, the runtime reads it and knows nothing of the policy beside; see `metadata`.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
 from spin_rl import robot
-from spin_rl.config import POSITIVE, Choice, ConfigError, Range, Text, from_mapping
-from spin_rl.deploy.pilot.settings import Guard, Planner, Shape
+from spin_rl.config import POSITIVE, Choice, Length, Range, Text
+from spin_rl.deploy.pilot.settings import NUM_HULLS, Guard, Planner, Shape
 from spin_rl.sensors.depth.filter_config import DepthFilterConfig
 
 FORMAT = 1
@@ -26,6 +22,8 @@ UINT8, FLOAT32 = "uint8", "float32"
 
 Mount = Annotated[robot.CameraMount, Choice(("portrait", "landscape"))]
 Positive = Annotated[float, POSITIVE]
+Count = Annotated[int, Range(1)]
+PerJoint = Annotated[tuple[float, ...], Length(len(robot.JOINTS), len(robot.JOINTS))]
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ class Group:
 
     name: str
     dtype: Annotated[str, Choice((UINT8, FLOAT32))]
-    size: Annotated[int, Range(1)]
+    size: Count
     source: Annotated[str, Choice(("robot", "camera", "detector", "simulation"))]
     terms: tuple[Term, ...] = ()
 
@@ -102,13 +100,18 @@ class Actions:
     mode: Annotated[str, Choice((ABSOLUTE, INCREMENTS))]
     forward: tuple[float, float]
     turn: float
-    low: tuple[float, ...]
-    zero: tuple[float, ...]
-    high: tuple[float, ...]
+    low: PerJoint
+    zero: PerJoint
+    high: PerJoint
     joint_rate: tuple[float, ...] = ()
     joint_lead: tuple[float, ...] = ()
     gripper_middle: float = 0.0
     gripper_span: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Reject increments without their sizes."""
+        if self.mode == INCREMENTS and not len(self.joint_rate) == len(self.joint_lead) == len(robot.JOINTS):
+            raise ValueError("actions.joint_rate, actions.joint_lead: increments need both, for every joint")
 
 
 @dataclass(frozen=True)
@@ -126,10 +129,15 @@ class Camera:
 
     mount: Mount
     fov_deg: tuple[float, float]
-    image: tuple[int, int] | None = None
-    focal_px: tuple[float, float] | None = None
+    image: tuple[Count, Count] | None = None
+    focal_px: tuple[Positive, Positive] | None = None
     range_m: tuple[float, float] | None = None
     pose: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Reject an image without its focal lengths."""
+        if (self.image is None) != (self.focal_px is None):
+            raise ValueError("camera.image, camera.focal_px: one needs the other")
 
 
 @dataclass(frozen=True)
@@ -165,9 +173,28 @@ class Profile:
     turn_max: Positive
     base_acceleration: Positive
     turn_acceleration: Positive
-    joint_velocity_max: tuple[float, ...]
+    joint_velocity_max: PerJoint
     joint_time_constant: Positive
     base_time_constant: Positive
+
+
+@dataclass(frozen=True)
+class Memory:
+    """An input that holds memory: the output that is its next value, its shape, its value after a reset."""
+
+    next: str
+    shape: tuple[Count, ...]
+    initial: float
+
+
+@dataclass(frozen=True)
+class Parity:
+    """The check against the trained policy: steps, resets in them, largest errors of actions and memory."""
+
+    steps: int
+    resets: int
+    action_error: float
+    state_error: float
 
 
 @dataclass(frozen=True)
@@ -191,12 +218,11 @@ class Contract:
         scandots: Which corners of obstacles are told; None for a policy that is told none.
         goal: How goals are told; None for a policy without.
         speed_profile: How fast the robot was.
-        state: Of each input that holds memory: `next`, the output that is its next value, `shape`, and
-            `initial`, its value after a reset.
+        state: The inputs that hold memory, by name.
         reset: When the memory is reset, and what is the last action then.
         simulation_only: Why a real robot cannot run it; None where one can.
         training: How it was trained: command, hardware, samples and ranges of the dynamics.
-        parity: The error against the original in the check at the export.
+        parity: The check at the export; None before it.
         model_card: What was measured, as text.
         guard: What the base is guarded with; None for policies of other tasks than driving.
         planner: What plans its ways; likewise.
@@ -212,22 +238,22 @@ class Contract:
     action_names: tuple[str, ...]
     actions: Actions
     joint_names: tuple[str, ...]
-    default_joint_pos: tuple[float, ...]
+    default_joint_pos: PerJoint
     rate_hz: Positive
     camera: Camera
     depth_filter: DepthFilterConfig | None
     scandots: Scandots | None
     goal: Goal | None
     speed_profile: Profile
-    state: dict
+    state: dict[str, Memory]
     reset: str
     simulation_only: str | None
     training: dict
-    parity: dict
+    parity: Parity | None
     model_card: Annotated[str, Text()]
-    guard: Guard | None = None
-    planner: Planner | None = None
-    shapes: tuple[Shape, ...] = ()
+    guard: Guard | None
+    planner: Planner | None
+    shapes: tuple[Shape, ...]
 
     def __post_init__(self) -> None:
         """Reject what does not fit this program or itself."""
@@ -235,10 +261,17 @@ class Contract:
             raise ValueError("joint_names, action_names: not those of this program's robot")
         if self.observation_names != tuple(group.name for group in self.observations):
             raise ValueError("observation_names: not those of observations")
+        image = self.camera.image
+        for group in self.observations:
+            is_whole = image is not None and group.size == image[0] * image[1]
+            if group.source == "camera" and not (is_whole and self.depth_filter is not None):
+                raise ValueError(f"observations: {group.name} needs depth_filter and a camera.image as large")
         if self.has_pilot and not (self.shapes and self.goal is not None and self.camera.image is not None):
             raise ValueError("guard, planner: need shapes, a goal and the size of the camera's image")
         if self.has_planner and not self.has_pilot:
             raise ValueError("planner: needs the guard")
+        if self.has_pilot and len({shape.hull for shape in self.shapes}) != NUM_HULLS:
+            raise ValueError(f"shapes: need one of each hull, 0 to {NUM_HULLS - 1}")
 
     @property
     def has_pilot(self) -> bool:
@@ -259,35 +292,3 @@ class Contract:
     def sources(self) -> frozenset[str]:
         """Of all its groups, see `Group.source`."""
         return frozenset(group.source for group in self.observations)
-
-
-def write_metadata(contract: Contract) -> dict[str, str]:
-    """Turn a contract into the metadata of an ONNX file: JSON of every field."""
-    return {key: json.dumps(value) for key, value in dataclasses.asdict(contract).items()}
-
-
-def read_metadata(metadata: Mapping[str, str], name: str) -> Contract:
-    """Read the metadata of an ONNX file.
-
-    Args:
-        metadata: What `write_metadata` wrote.
-        name: Of the file, for messages.
-
-    Raises:
-        ConfigError: It was not exported by this program, or by a version that this one does not know.
-    """
-    known = dataclasses.fields(Contract)
-    missing = [f.name for f in known if f.name not in metadata and f.default is dataclasses.MISSING]
-    fields = [f.name for f in known if f.name in metadata]
-    if missing:
-        raise ConfigError(f"{name}: no policy exported by spin-export, its metadata lacks {missing[0]!r}")
-    try:
-        values = {field: json.loads(metadata[field]) for field in fields}
-    except json.JSONDecodeError as error:
-        raise ConfigError(f"{name}: damaged metadata: {error}") from None
-    if values["format"] != FORMAT:
-        raise ConfigError(f"{name}: has format {values['format']}; this program reads {FORMAT}")
-    try:
-        return from_mapping(Contract, values)
-    except ConfigError as error:
-        raise ConfigError(f"{name}: {error}") from None

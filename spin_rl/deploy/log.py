@@ -28,6 +28,7 @@ _LENGTHS = {"joints": 8, "joint_velocity": 8, "joint_speed": 8, "base": 3, "base
 _KINDS: dict[str, Any] = {"homed": bool, "runstop": bool}
 _KINDS |= dict.fromkeys(("stamp_s", "forward", "turn"), Annotated[float, Range()])
 """What fields of states and commands are."""
+_TAKEN: Any = _KINDS["stamp_s"] | None
 
 
 class RunLog:
@@ -57,7 +58,8 @@ class RunLog:
         depth = None if inputs.depth is None else pack_image(inputs.depth)
         told = {name: pack(values) for name, values in inputs.told.items()}
         line = {"tick": tick, "late_s": round(late_s, 6), "state": pack(inputs.state), "depth": depth}
-        self._write({**line, "told": told, "action": pack(action), "command": pack(command)})
+        line |= {"taken_s": inputs.taken_s, "told": told}
+        self._write({**line, "action": pack(action), "command": pack(command)})
 
     def end(self, values: Mapping[str, Any]) -> None:
         """Write how it ended."""
@@ -117,7 +119,8 @@ def read_log(path: Path) -> LoggedRun:
     """
     if not path.is_file():
         raise ConfigError(f"replay: there is no file {path}")
-    lines = list(_lines(path))
+    # Hours of steps need not fit into memory.
+    lines = [line for line in _lines(path) if "tick" not in line]
     if not lines or lines[0].get("format") != _FORMAT:
         raise ConfigError(f"replay: {path} is no log of spin-deploy")
     begun = [line for line in lines if "start" in line]
@@ -174,7 +177,8 @@ def unpack_image(packed: Mapping[str, Any]) -> np.ndarray:
 def _step(line: Mapping[str, Any]) -> LoggedStep:
     depth = None if line["depth"] is None else unpack_image(line["depth"])
     told = {name: np.array(values, dtype=np.float32) for name, values in line["told"].items()}
-    inputs = Inputs(_state(line["state"]), depth, told)
+    taken_s = check_value(_TAKEN, line.get("taken_s"), "replay.taken_s")
+    inputs = Inputs(_state(line["state"]), depth, told, taken_s)
     command = Command(**_fields(line["command"]))
     return LoggedStep(line["tick"], inputs, _numbers(line["action"], len(robot.ACTIONS)), command)
 

@@ -121,6 +121,7 @@ class ControlLoop:
 
     def _drive(self, max_s: float) -> Outcome:
         clock, start = self._robot.clock, self._robot.clock.now()
+        self._watch = safety.Watch(start)
         tick = 0
         while True:
             clock.sleep_until(start + tick * self._period)
@@ -146,7 +147,10 @@ class ControlLoop:
             if reason is not None:
                 return reason
             depth = None if frame is None else self._agent.reduce(frame.image)
-            inputs = Inputs(state, depth, robot.told())
+            reason = self._watch.why_stop(robot.clock.now(), state.base, depth)
+            if reason is not None:
+                return reason
+            inputs = Inputs(state, depth, robot.told(), None if frame is None else frame.stamp_s)
             self._distance = self._agent.distance_m(state)
             reason = self._agent.progress(inputs)
             if reason is not None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from spin_rl.config import ConfigError
-from spin_rl.deploy.contract import ACTION_OUTPUT, FLOAT32, STATE, Contract, read_metadata
+from spin_rl.deploy.contract import ACTION_OUTPUT, FLOAT32, STATE, Contract
+from spin_rl.deploy.metadata import read_metadata
 from spin_rl.extras import require
 
 _ONNX_TYPES = {"tensor(float)": FLOAT32, "tensor(uint8)": "uint8"}
@@ -49,8 +50,8 @@ class Network:
     def reset(self) -> None:
         """Clear the memory, at the start of an episode or after a pause."""
         self._memory = {
-            name: np.full(values["shape"], values["initial"], dtype=FLOAT32)
-            for name, values in self.contract.state.items()
+            name: np.full(memory.shape, memory.initial, dtype=FLOAT32)
+            for name, memory in self.contract.state.items()
         }
 
     def __call__(self, groups: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -69,7 +70,7 @@ class Network:
         """Compare inputs and outputs with the metadata."""
         found = {i.name: (_ONNX_TYPES.get(i.type), i.shape) for i in self._session.get_inputs()}
         wanted = {group.name: (group.dtype, [1, group.size]) for group in self.contract.observations}
-        wanted |= {name: (FLOAT32, values["shape"]) for name, values in self.contract.state.items()}
+        wanted |= {name: (FLOAT32, list(memory.shape)) for name, memory in self.contract.state.items()}
         outputs = [output.name for output in self._session.get_outputs()]
         if found != wanted or sorted(outputs) != sorted(self._outputs):
             raise ConfigError(f"policy: {path}: inputs and outputs are not those of its metadata")

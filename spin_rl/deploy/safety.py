@@ -19,6 +19,9 @@ The base's own firmware stops a second after the last command.
 _OBJECT_TERMS = {"object_start", "object_start_near", "object_start_close"}
 _LIMIT_SLACK = 0.03
 """How far encoders may read beyond a limit [m, rad]."""
+_JUMP_M, _JUMP_RAD = 0.2, 0.3
+_MOST_M_S, _MOST_RAD_S = 1.5, 3.0
+"""No Stretch drives or turns so fast; what its odometry does beyond that is none of its motion."""
 _FOV_SLACK = 0.1
 """Part by which the tangent of half a camera's field of view may differ from that of the training."""
 
@@ -134,6 +137,35 @@ def why_stop(now_s: float, state: RobotState, frame: DepthFrame | None, reads_im
     if reads_images and frame is not None and not abs(now_s - frame.stamp_s) <= MAX_AGE_S:
         return f"the depth image is {now_s - frame.stamp_s:.2f} s old"
     return None
+
+
+class Watch:
+    """What only several steps tell: an odometry that jumps, and a camera that shows nothing."""
+
+    def __init__(self, now_s: float) -> None:
+        """Begin at a time [s]."""
+        self._base: np.ndarray | None = None
+        self._at_s = self._saw_s = now_s
+
+    def why_stop(self, now_s: float, base: np.ndarray, depth: np.ndarray | None) -> str | None:
+        """Return why the robot must stop now, or None.
+
+        Args:
+            now_s: The time [s].
+            base: Pose of the base by the odometry, x, y [m], yaw [rad].
+            depth: The image [m], 0 where nothing was measured; None without one.
+        """
+        before, self._base = self._base, base
+        passed_s, self._at_s = now_s - self._at_s, now_s
+        if before is not None:
+            moved, turned = math.hypot(*(base - before)[:2]), math.remainder(base[2] - before[2], math.tau)
+            if moved > _JUMP_M + _MOST_M_S * passed_s or abs(turned) > _JUMP_RAD + _MOST_RAD_S * passed_s:
+                return f"the odometry jumped by {moved:.2f} m and {turned:.2f} rad"
+        if depth is None or depth.any():
+            self._saw_s = now_s
+        if now_s - self._saw_s > MAX_AGE_S:
+            return f"the depth images have shown nothing for {now_s - self._saw_s:.2f} s"
+        return None
 
 
 def is_finite(state: RobotState) -> bool:

@@ -14,9 +14,9 @@ def summary(contract: Contract) -> str:
         "Inputs, each of shape (1, size):",
         *(line for group in contract.observations for line in _group(group)),
         *(
-            f"  {name:<16} float32  {'x'.join(map(str, values['shape']))}  the last {values['next']}, "
-            f"{values['initial']:g} after a reset"
-            for name, values in contract.state.items()
+            f"  {name:<16} float32  {'x'.join(map(str, memory.shape))}  the last {memory.next}, "
+            f"{memory.initial:g} after a reset"
+            for name, memory in contract.state.items()
         ),
         "",
         *_actions(contract),
@@ -58,11 +58,11 @@ def summary(contract: Contract) -> str:
             lines.append(f"{name}: {', '.join(values)}")
     if contract.simulation_only is not None:
         lines.append(f"SIMULATION ONLY: {contract.simulation_only}")
-    if contract.parity:
+    if contract.parity is not None:
         parity = contract.parity
         lines.append(
-            f"Checked: {parity['steps']} steps, {parity['resets']} resets, actions within "
-            f"{parity['action_error']:.1e} of the trained policy's, memory within {parity['state_error']:.1e}"
+            f"Checked: {parity.steps} steps, {parity.resets} resets, actions within "
+            f"{parity.action_error:.1e} of the trained policy's, memory within {parity.state_error:.1e}"
         )
     return "\n".join(lines)
 

@@ -69,14 +69,11 @@ def describe(policy: TrainedPolicy, units: int, pilot: Mapping[str, Any] | None 
         scandots=from_mapping(parts.Scandots, task["scandots"], "task.scandots") if is_simulated else None,
         goal=parts.Goal(task.get("goal_range_m"), task["goal_tolerance_m"]) if "goal" in names else None,
         speed_profile=_profile(config["robot"]["profile"]),
-        state={
-            name: {"next": following, "shape": [1, 1, units], "initial": 0.0}
-            for name, following in parts.STATE.items()
-        },
+        state={name: parts.Memory(following, (1, 1, units), 0.0) for name, following in parts.STATE.items()},
         reset=_RESET,
         simulation_only=_NO_SCANDOTS if is_simulated else None,
         training=_training(metadata, task),
-        parity={},
+        parity=None,
         model_card=_card(policy.name),
         guard=guard,
         planner=planner,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -11,7 +10,7 @@ import torch
 from rsl_rl.modules import EmpiricalNormalization
 from tensordict import TensorDict
 
-from spin_rl.deploy.contract import STATE
+from spin_rl.deploy.contract import STATE, Parity
 from spin_rl.deploy.network import Network
 from spin_rl.groups import is_depth, is_encoded
 from spin_rl.models.pointnet import NUM_FLAGS, TOKEN_DIM
@@ -22,26 +21,9 @@ TOLERANCE = 1e-4
 _EPISODE_STEPS = 60.0
 
 
-@dataclass(frozen=True)
-class Parity:
-    """What the comparison found.
-
-    Attributes:
-        steps: Steps made.
-        resets: Episodes that began in them.
-        action_error: Largest difference of an action.
-        state_error: Largest difference in the memory.
-    """
-
-    steps: int
-    resets: int
-    action_error: float
-    state_error: float
-
-    @property
-    def agrees(self) -> bool:
-        """Whether both are below the tolerance; not a number is not."""
-        return self.action_error < TOLERANCE and self.state_error < TOLERANCE
+def agrees(parity: Parity) -> bool:
+    """Whether both errors are below the tolerance; not a number is not."""
+    return parity.action_error < TOLERANCE and parity.state_error < TOLERANCE
 
 
 def compare(

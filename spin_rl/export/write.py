@@ -11,13 +11,14 @@ from typing import Any
 from spin_rl.benchmark import settings
 from spin_rl.benchmark.policies import open_for
 from spin_rl.config import ConfigError
-from spin_rl.deploy.contract import Contract, write_metadata
+from spin_rl.deploy.contract import Contract, Parity
 from spin_rl.deploy.fetch.numbers import STAGES
+from spin_rl.deploy.metadata import write_metadata
 from spin_rl.deploy.network import Network
 from spin_rl.deploy.text import summary
 from spin_rl.export.describe import describe
 from spin_rl.export.graph import make_graph, recurrent
-from spin_rl.export.parity import Parity, compare
+from spin_rl.export.parity import agrees, compare
 from spin_rl.files import write_atomically, write_json
 from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.tasks.common.compose import compose
@@ -80,12 +81,12 @@ def export_policy(policy: TrainedPolicy, path: Path, pilot: Mapping[str, Any] | 
         draft = Path(folder) / path.name
         draft.write_bytes(_with_metadata(model, contract))
         parity = compare(Network(draft), actor)
-    if not parity.agrees:
+    if not agrees(parity):
         raise ConfigError(
             f"policy: {policy.name} acts differently once exported: actions by {parity.action_error:.1e}, "
             f"memory by {parity.state_error:.1e}"
         )
-    contract = replace(contract, parity=asdict(parity))
+    contract = replace(contract, parity=parity)
     data = _with_metadata(model, contract)
     write_atomically(path, lambda file: file.write(data))
     return Exported(path, contract, parity)

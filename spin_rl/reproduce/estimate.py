@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Mapping
 
-from spin_rl.reproduce.plan import Step, Steps, Training
+from spin_rl.reproduce.plan import Step, Steps, Training, is_alone
 from spin_rl.reproduce.state import state_of
 
 
@@ -19,7 +19,7 @@ def minutes_left(steps: Steps, step: Step) -> float:
 
 
 def time_ahead(steps: Steps, minutes: Mapping[str, float], jobs: int) -> float:
-    """Minutes until all is done, some steps at a time, in order, each after what it needs.
+    """Minutes until all is done, some steps at a time, in order, each after what it needs, or alone.
 
     Args:
         steps: The plan.
@@ -29,7 +29,12 @@ def time_ahead(steps: Steps, minutes: Mapping[str, float], jobs: int) -> float:
     free = [0.0] * jobs
     ends: dict[str, float] = {}
     for name, takes in minutes.items():
-        needs = [ends.get(need, 0.0) for need in steps.needs(steps.by_name[name])]
+        step = steps.by_name[name]
+        needs = [ends.get(need, 0.0) for need in steps.needs(step)]
+        if is_alone(step):
+            ends[name] = max([*free, *needs]) + takes
+            free = [ends[name]] * jobs
+            continue
         ends[name] = max(heapq.heappop(free), *needs, 0.0) + takes
         heapq.heappush(free, ends[name])
     return max(ends.values(), default=0.0)

@@ -49,13 +49,23 @@ class TrainingEntry:
 
 @dataclass(frozen=True)
 class EvaluationEntry:
-    """A further measurement; `command` is what comes after `spin-`, `kind` a folder of the results."""
+    """A further measurement.
+
+    Attributes:
+        kind: A folder of the results.
+        name: Its file there.
+        arguments: Of the command.
+        command: What comes after `spin-`.
+        minutes: What it takes.
+        alone: Whether nothing may run beside it, as where speed is measured.
+    """
 
     kind: str
     name: str
     arguments: tuple[str, ...]
     command: str = "eval"
     minutes: _PositiveMinutes = 3.0
+    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,9 +130,15 @@ class Evaluation:
     minutes: float
     claim: str
     group: str
+    alone: bool = False
 
 
 Step = Training | Evaluation
+
+
+def is_alone(step: Step) -> bool:
+    """Whether nothing may run beside a step."""
+    return isinstance(step, Evaluation) and step.alone
 
 
 @dataclass(frozen=True)
@@ -245,6 +261,7 @@ def _steps_of(group: Group, budgets: Mapping[str, Budget], where: str) -> Iterab
             entry.minutes,
             group.claim,
             group.name,
+            entry.alone,
         )
 
 

@@ -16,7 +16,7 @@ from spin_rl.config import ConfigError
 from spin_rl.files import write_json
 from spin_rl.reproduce.child import Child, python, started
 from spin_rl.reproduce.estimate import duration, minutes_left, time_ahead
-from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
+from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training, is_alone
 from spin_rl.reproduce.record import note_call, stored
 from spin_rl.reproduce.state import has_checkpoint, is_done, result_file, state_of
 from spin_rl.runners.stop import StopRequest
@@ -111,10 +111,12 @@ class Runner:
         return math.inf if self.minutes is None else self.minutes - gone
 
     def _fill(self, outs: Path, again: bool) -> None:
-        """Start steps as long as there is room."""
-        for step in list(self._waiting):
-            if len(self._running) >= self.jobs:
+        """Start steps as long as there is room; first what has to be alone, where nothing runs."""
+        for step in sorted(self._waiting, key=is_alone, reverse=True):
+            if len(self._running) >= self.jobs or any(is_alone(child.step) for child in self._running):
                 return
+            if is_alone(step) and self._running:
+                continue
             if step in self._waiting and self._may_start(step):
                 self._waiting.remove(step)
                 self._begin(step, outs, again)

@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from spin_rl.paths import RESULT_DIR
+from spin_rl.reproduce.contents import lacking
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
-
-_KEPT = frozenset({"command", "step", "commit", "hardware", "minutes", "trainings", "result"})
-"""What every stored result has; see `record.stored`."""
 
 Status = Literal["done", "partial", "missing", "outdated"]
 
@@ -41,9 +39,18 @@ def result_file(name: str) -> Path:
 
 
 def read_result(name: str) -> dict[str, Any] | None:
-    """Return a stored result; None where there is none that can be read."""
+    """Return a stored result; None where there is none, or none that is whole."""
     stored = _read(result_file(name))
-    return stored if stored is not None and _KEPT <= stored.keys() else None
+    return None if lacking(name, stored) else stored
+
+
+def damage_of(name: str) -> str | None:
+    """Say in a line what is wrong with the file of a result; None where it is whole, or not there."""
+    file = result_file(name)
+    if not file.exists() or read_result(name) is not None:
+        return None
+    stored = _read(file)
+    return f"{file} is no whole JSON" if stored is None else f"{file} lacks {lacking(name, stored)}"
 
 
 def state_of(steps: Steps, step: Step) -> State:

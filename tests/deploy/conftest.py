@@ -31,6 +31,18 @@ class ScriptedNetwork:
         return self.actions[min(len(self.seen), len(self.actions)) - 1]
 
 
+def without_images(contract):
+    """The same of a policy that reads no images."""
+    groups = tuple(group for group in contract.observations if group.source != "camera")
+    return replace(
+        contract,
+        observations=groups,
+        observation_names=tuple(group.name for group in groups),
+        camera=replace(contract.camera, image=None, focal_px=None, range_m=None),
+        depth_filter=None,
+    )
+
+
 @pytest.fixture(scope="session")
 def nav_network():
     return Network(DATA / "tiny_nav.onnx")

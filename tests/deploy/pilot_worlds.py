@@ -25,6 +25,9 @@ def contract() -> Contract:
     return Network(DATA / "tiny_room.onnx").contract
 
 
+SCANDOTS = next(group.size for group in contract().observations if group.name == "scandots")
+
+
 def camera_at(joints, base) -> Frame:
     """The camera in the frame of the odometry."""
     frame = KINEMATICS(joints)[robot.CAMERA_SITE]

@@ -54,6 +54,15 @@ def test_logs_of_other_policies_and_damaged_ones_are_one_line(monkeypatch, capsy
     assert "is tiny_pick, and" in capsys.readouterr().err
 
 
+def test_a_policy_is_not_overwritten_by_its_log(monkeypatch, capsys, tmp_path):
+    policy = tmp_path / "a.onnx"
+    policy.write_bytes((DATA / "tiny_nav.onnx").read_bytes())
+    given = [f"policy={policy}", "backend=fake_robot", "goal=[9,0]", f"log={tmp_path}/b/../a.onnx"]
+    assert call(monkeypatch, *given) == 2
+    assert "is the policy's own file" in capsys.readouterr().err
+    assert policy.read_bytes() == (DATA / "tiny_nav.onnx").read_bytes()
+
+
 def test_arriving_and_being_stopped_have_their_status(monkeypatch, capsys):
     assert drive(monkeypatch, "goal=[0.1,0]") == 0
     assert "arrived" in capsys.readouterr().out

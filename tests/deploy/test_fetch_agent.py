@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ScriptedNetwork
+from conftest import ScriptedNetwork, without_images
 from fake_robot import CAMERA, DATA, STATE, FakeRobot
 
 from spin_rl.config import ConfigError
@@ -87,8 +87,7 @@ def test_each_stage_has_its_policy_and_a_policy_begins_without_memory(fetch):
 
 
 def test_one_of_the_policies_may_see_images(nav_network, pick_network):
-    blind = replace(nav_network.contract.camera, image=None, focal_px=None, range_m=None)
-    nav = ScriptedNetwork(replace(nav_network.contract, camera=blind, depth_filter=None))
+    nav = ScriptedNetwork(without_images(nav_network.contract))
     agent = FetchAgent(Agent(nav), Agent(ScriptedNetwork(pick_network.contract)), RULES)
     assert agent.reads_images and agent.contract.name == nav.contract.name
     assert agent.contract.camera == pick_network.contract.camera

@@ -60,6 +60,8 @@ def set_image(**changes):
         (set_image(image_age_s=0.6), "image is 0.60 s old"),
         (set_image(image=None), "no depth image"),
         (set_image(image=np.ones((20, 20))), "at least 87 x 58"),
+        (broken(base=np.array([0.0, 1.0, 0.0])), "the odometry jumped by 1.0"),
+        (broken(base=np.array([0.0, 0.0, 2.0])), "and 2.00 rad"),
         (lose, "the base does not answer"),
         (kill(signal.SIGINT), "SIGINT"),
         (kill(signal.SIGTERM), "SIGTERM"),
@@ -72,6 +74,25 @@ def test_what_goes_wrong_stops_the_base(scripted, fault, reason):
     assert reason in outcome.reason and outcome.stopped
     assert outcome.steps == len(fake.commands) == 3
     assert fake.calls[-1] == "stop" and fake.now_moving.tolist() == [0.0, 0.0]
+
+
+def test_a_camera_that_shows_nothing_for_long_stops_the_base(scripted):
+    nothing, something = np.zeros((58, 87), dtype=np.float32), np.full((58, 87), 2.0, dtype=np.float32)
+    covered = {4: set_image(image=nothing)}
+    outcome = run(scripted(), FakeRobot(faults=covered))
+    assert outcome.reason == "the depth images have shown nothing for 0.60 s" and outcome.steps == 8
+    for_a_moment = covered | {8: set_image(image=something)}
+    assert run(scripted(), FakeRobot(faults=for_a_moment)).reason == TIME_OVER
+
+
+def test_an_odometry_that_turns_around_and_goes_on_after_a_pause_is_none_that_jumps(scripted):
+    def turn(fake, state):
+        yaw = 2.9 + 0.25 * fake.time / 0.1
+        return replace(state, base=np.array([0.05 * fake.time / 0.1, 0.0, math.remainder(yaw, math.tau)]))
+
+    fake = FakeRobot(faults=dict.fromkeys(range(40), turn), work_s={8: 0.35})
+    outcome = run(scripted(), fake)
+    assert outcome.reason == TIME_OVER and outcome.missed > 2
 
 
 def test_an_observation_may_be_somewhat_old(scripted):

@@ -8,7 +8,7 @@ import pytest
 from fake_robot import DATA
 
 from spin_rl.config import ConfigError
-from spin_rl.deploy.contract import read_metadata, write_metadata
+from spin_rl.deploy.metadata import read_metadata, write_metadata
 from spin_rl.deploy.network import Network
 from spin_rl.deploy.observations import Observer
 from spin_rl.deploy.text import full_text, summary
@@ -66,6 +66,11 @@ def changed(contract, **values):
         ({"observation_names": ["proprio"]}, "observation_names"),
         ({"depth_filter": {"blur": 2.0}}, "depth.filter.blur"),
         ({"goal": {"range_m": -1.0, "tolerance_m": 0.1}}, "goal.range_m"),
+        ({"default_joint_pos": [0.0]}, "default_joint_pos: expected a list of 8 to 8 values"),
+        ({"state": {"h_in": {"next": "h_out"}}}, "state.h_in.shape: a value is needed"),
+        ({"parity": {}}, "parity.steps: a value is needed"),
+        ({"depth_filter": None}, "depth needs depth_filter"),
+        ({"camera": {"mount": "portrait", "fov_deg": [87.0, 58.0], "image": [87, 58]}}, "camera.focal_px"),
     ],
 )
 def test_damaged_metadata_is_refused_in_one_line(nav_network, values, message):
@@ -77,6 +82,10 @@ def test_damaged_metadata_is_refused_in_one_line(nav_network, values, message):
 def test_foreign_metadata_is_refused(nav_network):
     with pytest.raises(ConfigError, match="no policy exported by spin-export, its metadata lacks 'format'"):
         read_metadata({}, "x.onnx")
+    old = write_metadata(nav_network.contract)
+    del old["guard"]
+    with pytest.raises(ConfigError, match="its metadata lacks 'guard'; export it again"):
+        read_metadata(old, "x.onnx")
     with pytest.raises(ConfigError, match="damaged metadata"):
         read_metadata(write_metadata(nav_network.contract) | {"goal": "{"}, "x.onnx")
 

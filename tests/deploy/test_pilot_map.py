@@ -131,3 +131,33 @@ def test_what_came_to_where_the_floor_was_is_forgotten_sooner_unless_it_stays(pi
         for _ in range(130):
             pilot.see(blind, joints, START)
         assert (len(occupied(pilot)[0]) > 10) == is_known
+
+
+@pytest.mark.parametrize("away", [(11.0, 0.0), (-7.3, 9.2), (0.0, -40.0)])
+def test_the_map_goes_along(pilot, away):
+    """What is around the robot is known wherever it drives, what is far behind is not."""
+
+    def near(place):
+        middle, _ = pilot.costmap.boxes()
+        return middle[(np.abs(middle - place) < 2.05).all(-1)]
+
+    look(pilot, ROOM, START)
+    at_start = len(near((0.0, 0.0)))
+    moved = [(np.add(low, (*away, 0.0)), np.add(high, (*away, 0.0))) for low, high in ROOM]
+    look(pilot, moved, (*away, 0.0))
+    here = near(away)
+    assert len(here) > 0.95 * at_start > 100
+    assert distance_to(moved, np.column_stack([here, np.ones(len(here))])).max() < 0.03
+    assert (len(near((0.0, 0.0))) > 0) == (np.abs(away).max() < 15.0)
+
+
+def test_what_is_near_stays_as_it_was_when_the_map_goes_along(pilot):
+    look(pilot, [BOX], (6.0, 0.0, 3.14), pans=(0.0,), tilts=(-0.4,))
+    far = ((6.9, -0.4, 0.0), (7.2, 0.4, 0.5))
+    look(pilot, [far], (5.5, 0.0, 0.0), pans=(0.0,), tilts=(-0.4,))
+    before = pilot.costmap.boxes()
+    pilot.costmap.changed = False
+    pilot.see(np.zeros((87, 58), dtype=np.float32), stowed(), np.array([7.5, 0.0, 0.0]))
+    assert pilot.costmap.changed and len(before[0]) > 10
+    for ours, theirs in zip(pilot.costmap.boxes(), before, strict=True):
+        np.testing.assert_array_equal(ours, theirs)

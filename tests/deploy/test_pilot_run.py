@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from conftest import ScriptedNetwork
 from fake_robot import DATA, STATE, FakeRobot
-from pilot_worlds import camera_at, contract, look, picture, stowed
+from pilot_worlds import SCANDOTS, camera_at, contract, look, picture, stowed
 
 from spin_rl.cli import deploy as command
 from spin_rl.config import ConfigError
 from spin_rl.deploy.agent import Agent, Inputs
-from spin_rl.deploy.contract import read_metadata, write_metadata
 from spin_rl.deploy.log import RunLog, read_log
-from spin_rl.deploy.loop import ControlLoop
+from spin_rl.deploy.loop import TIME_OVER, ControlLoop
+from spin_rl.deploy.metadata import read_metadata, write_metadata
 from spin_rl.deploy.network import Network
+from spin_rl.deploy.pilot.pilot import Pilot
 from spin_rl.deploy.replay import replay
 from spin_rl.deploy.text import summary
 
 GOAL = np.array([3.0, 0.0])
 WALL = ((0.55, -1.0, 0.0), (0.65, 2.0, 1.2))
-SCANDOTS = next(group.size for group in contract().observations if group.name == "scandots")
 TOLD = {"scandots": np.zeros((1, SCANDOTS), dtype=np.float32)}
 AHEAD = (1.0, *[0.0] * 9)
 
@@ -35,8 +35,8 @@ def agent():
 class Robot(FakeRobot):
     """Drives ahead in front of a wall and sees it, in the camera's own image."""
 
-    def __init__(self):
-        super().__init__(start=replace(STATE, joints=stowed()), told_groups=TOLD)
+    def __init__(self, **settings):
+        super().__init__(start=replace(STATE, joints=stowed()), told_groups=TOLD, **settings)
 
     def state(self):
         return replace(super().state(), base_velocity=self.now_moving.copy())
@@ -46,10 +46,10 @@ class Robot(FakeRobot):
         return super().depth()
 
 
-def run(agent, tmp_path, seconds=4.0):
-    one = Robot()
+def run(agent, tmp_path, seconds=4.0, goal=GOAL, **settings):
+    one = Robot(**settings)
     log = RunLog(tmp_path / "run.jsonl", {})
-    outcome = ControlLoop(one, one.connect(), agent, log).run(seconds, GOAL)
+    outcome = ControlLoop(one, one.connect(), agent, log).run(seconds, goal)
     log.close()
     return one, outcome
 
@@ -61,6 +61,27 @@ def test_it_stops_before_the_wall_and_a_policy_alone_does_not(agent, tmp_path):
     alone = Agent(ScriptedNetwork(contract(), (AHEAD,)), pilot=False)
     assert alone.pilot is None and not alone.reads_images
     assert run(alone, tmp_path, 2.0)[0].pose[0] > 1.0
+
+
+@pytest.mark.parametrize("goal", [(60.0, 0.0), (9.0, -13.0)])
+def test_it_stops_before_the_wall_however_far_the_goal_is(agent, tmp_path, goal):
+    one, outcome = run(agent, tmp_path, 2.0, np.array(goal))
+    assert outcome.steps == 20 and 0.2 < one.pose[0] < 0.55 - 0.06
+
+
+@pytest.mark.parametrize("goal", [(0.6, 0.5), (0.65, 0.0), (0.1, 20.0)])
+def test_a_goal_in_a_wall_or_off_the_map_breaks_nothing(agent, tmp_path, goal):
+    one, outcome = run(agent, tmp_path, 8.0, np.array(goal))
+    assert outcome.reason == TIME_OVER and one.pose[0] < 0.55 - 0.06
+
+
+def test_images_of_some_time_ago_are_replayed_too(agent, tmp_path):
+    _, outcome = run(agent, tmp_path, 2.0, image_age_s=0.25)
+    logged = read_log(tmp_path / "run.jsonl")
+    assert outcome.steps == 20 and all(
+        step.inputs.taken_s == step.inputs.state.stamp_s - 0.25 for step in logged.steps()
+    )
+    assert replay(logged, agent).action_error == 0.0
 
 
 def test_the_policy_is_told_the_way_and_the_command_that_was_sent(agent):
@@ -132,8 +153,16 @@ def test_a_file_says_what_its_pilot_is():
         ({"shapes": ()}, "need shapes"),
         ({"goal": None}, "need shapes, a goal"),
         ({"guard": None}, "planner: needs the guard"),
+        ({"shapes": contract().shapes[:1]}, "one of each hull"),
     ],
 )
 def test_a_pilot_without_what_it_needs_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         replace(contract(), **changes)
+
+
+def test_a_pilot_of_another_robot_is_refused():
+    first, *others = contract().shapes
+    of_another = replace(contract(), shapes=(replace(first, body="left_leg"), *others))
+    with pytest.raises(ConfigError, match="has no body 'left_leg'"):
+        Pilot(of_another)

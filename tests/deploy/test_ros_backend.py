@@ -1,14 +1,15 @@
 """The back end for the ROS 2 driver, on a fake of both."""
 
 import time
-from dataclasses import replace
 
 import fake_ros
 import numpy as np
 import pytest
+from conftest import ScriptedNetwork, without_images
 
 from spin_rl import robot
 from spin_rl.config import ConfigError
+from spin_rl.deploy.agent import Agent
 from spin_rl.deploy.backends import open_backend, ros2
 from spin_rl.deploy.interface import Command, DeviceLost
 from spin_rl.deploy.loop import TIME_OVER, ControlLoop
@@ -33,8 +34,7 @@ def connect(contract, **settings):
 @pytest.fixture
 def driving(nav_network):
     """A contract that reads no images."""
-    contract = nav_network.contract
-    return replace(contract, camera=replace(contract.camera, image=None), depth_filter=None)
+    return without_images(nav_network.contract)
 
 
 def test_it_switches_the_driver_and_reads_what_it_measures(driver, driving):
@@ -149,8 +149,8 @@ def test_drivers_that_cannot_be_used_are_refused(driver, driving, change, messag
         connect(driving)
 
 
-def test_the_loop_drives_it_and_leaves_it_standing(driver, scripted, driving):
-    agent = scripted((1.0, *[0.0] * 9), camera=driving.camera, depth_filter=None)
+def test_the_loop_drives_it_and_leaves_it_standing(driver, driving):
+    agent = Agent(ScriptedNetwork(driving, ((1.0, *[0.0] * 9),)))
     opened, connection = connect(agent.contract)
     outcome = ControlLoop(opened, connection, agent).run(0.25, FAR)
     assert outcome.reason == TIME_OVER and 0 < outcome.steps <= 3
@@ -163,8 +163,8 @@ def test_the_loop_drives_it_and_leaves_it_standing(driver, scripted, driving):
     ("change", "reason"),
     [({"runstopped": True}, "runstop"), ({"mode": "position"}, "mode 'position'"), ({"age_s": 0.8}, "0.8")],
 )
-def test_what_goes_wrong_ends_the_run(driver, scripted, driving, change, reason):
-    agent = scripted((1.0, *[0.0] * 9), camera=driving.camera, depth_filter=None)
+def test_what_goes_wrong_ends_the_run(driver, driving, change, reason):
+    agent = Agent(ScriptedNetwork(driving, ((1.0, *[0.0] * 9),)))
     opened, connection = connect(agent.contract)
     command = opened.command
 

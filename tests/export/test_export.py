@@ -17,7 +17,7 @@ from spin_rl.deploy.network import Network
 from spin_rl.export import parity as parity_module
 from spin_rl.export.graph import recurrent
 from spin_rl.export.groups import describe_group
-from spin_rl.export.parity import compare, draw
+from spin_rl.export.parity import agrees, compare, draw
 from spin_rl.export.write import export_fetch, export_policy
 from spin_rl.paths import POLICY_DIR
 from spin_rl.runners.policy_file import read_policy
@@ -32,7 +32,7 @@ def test_every_shipped_policy_acts_the_same_once_exported(name, tmp_path):
     assert done.parity.steps == 500 and done.parity.resets > 1
     assert done.parity.action_error < 1e-4 and done.parity.state_error < 1e-4
     contract = Network(done.path).contract
-    assert contract.name == name and contract.rate_hz == 10.0 and contract.parity["steps"] == 500
+    assert contract.name == name and contract.rate_hz == 10.0 and contract.parity.steps == 500
     assert name in contract.model_card and contract.training["command"]
     assert (contract.simulation_only is not None) == (name in TEACHERS)
     guard = read_policy(name).config["task"].get("guard", {})
@@ -70,12 +70,12 @@ def test_the_check_notices_another_network(tmp_path):
     path = tmp_path / "a.onnx"
     export_tiny("tiny_nav", tmp_path, path)
     other = recurrent(read_policy(make_tiny("tiny_nav", tmp_path, seed=2)).build(), "other")
-    assert not compare(Network(path), other, 20).agrees
+    assert not agrees(compare(Network(path), other, 20))
     same = recurrent(read_policy(make_tiny("tiny_nav", tmp_path, seed=1)).build(), "same")
-    assert compare(Network(path), same, 20).agrees
+    assert agrees(compare(Network(path), same, 20))
     with torch.no_grad():
         same.obs_normalizer._mean += 1e-3
-    assert not compare(Network(path), same, 20).agrees
+    assert not agrees(compare(Network(path), same, 20))
 
 
 def test_the_check_notices_a_memory_that_is_not_cleared(tmp_path, monkeypatch):
@@ -84,7 +84,7 @@ def test_the_check_notices_a_memory_that_is_not_cleared(tmp_path, monkeypatch):
     network, actor = Network(path), recurrent(read_policy(make_tiny("tiny_nav", tmp_path)).build(), "same")
     network(draw(actor, {g.name: g.size for g in network.contract.observations}, np.random.default_rng(0)))
     monkeypatch.setattr(network, "reset", lambda: None)
-    assert not compare(network, actor, 20).agrees
+    assert not agrees(compare(network, actor, 20))
 
 
 def test_nothing_is_written_that_acts_differently(tmp_path, monkeypatch):

@@ -23,14 +23,14 @@ PLAN = {
     ],
 }
 # Trains or measures and leaves behind what those do, and a line in `events` at its begin and end. As the file
-# `how` says of a step, it fails, holds on until it is asked to end, or does not even end then.
+# `how` says of a step, it is slow, fails, holds on until it is asked to end, or does not even end then.
 FAKE = textwrap.dedent("""
     import json, os, pathlib, signal, sys, time
     box = pathlib.Path(sys.argv[1])
     tool, *arguments = sys.argv[2:]
     given = dict(argument.split("=", 1) for argument in arguments)
     folder = pathlib.Path(given.get("resume") or given.get("run_dir") or given["policy"])
-    name = folder.name if tool == "train" else "reach/" + folder.name
+    name = folder.name if tool == "train" else pathlib.Path(given["out"]).stem.replace("-", "/", 1)
     how = json.loads((box / "how").read_text()).get(name)
     asked = []
     signal.signal(signal.SIGTERM, lambda *_: asked.append(1))
@@ -45,6 +45,7 @@ FAKE = textwrap.dedent("""
     if how == "fails":
         print("spin-train: error: it is broken")
         sys.exit(3)
+    time.sleep(0.5 * (how == "slow"))
     while how == "hangs" or how == "holds" and not asked:
         time.sleep(0.01)
     if tool == "train":
@@ -55,7 +56,9 @@ FAKE = textwrap.dedent("""
         (folder / "checkpoints" / "last.pt").touch()
         before.write_text(json.dumps(dict(env_steps=samples, minutes=1.0, success_rate=0.5, processes=1)))
     else:  # an evaluation that is asked to end writes what it has by then
-        result = dict(rows=[dict(success_rate=0.5, episodes=2)], device="cpu", policy=given["policy"])
+        row = dict(scenario=1, difficulty="easy", success_rate=0.5, episodes=2, duration_s=None)
+        row |= dict(final_distance_m=1.0, timeout_rate=0.5)
+        result = dict(rows=[row], seeds=[0], commit=None, device="cpu", policy=given["policy"])
         result |= dict(stopped=True) if asked else {}
         pathlib.Path(given["out"]).write_text(json.dumps(result))
     note("end")
@@ -85,6 +88,7 @@ def make_runner(tmp_path, monkeypatch):
         monkeypatch.setattr(run, "python", python)
         return runner
 
+    make.plan = PLAN
     make.steps = read_steps(PLAN, tmp_path / "runs")
     make.all = list(make.steps.by_name.values())
     make.events = lambda: [tuple(line.split()) for line in (tmp_path / "events").read_text().splitlines()]

@@ -48,10 +48,35 @@ def rows_of(kind, success):
             "final_distance_m": 0.3,
             "timeout_rate": 0.01,
             "collisions": 1.5,
+            "collisions_ci95": [1.2, 1.8],
             "place": {"succeeded": success(cell)},
         }
         for cell in cells
     ]
+
+
+def stored_result(steps, step, success):
+    """What is stored of a step; `success`: how many of a hundred episodes succeed in a cell."""
+    return MACHINE | {
+        "command": state.command_of(steps, step),
+        "step": state.planned(step),
+        "minutes": 2.0,
+        "trainings": [training(steps, name) for name in steps.needs(step)],
+        "result": {
+            "rows": rows_of(step.name.partition("/")[0], success),
+            "seeds": [0, 1, 2],
+            "commit": "abc",
+            "pick": "pick-teacher",
+            "overall": {"pick": {"succeeded": 300, "tried": 400}},
+        },
+    }
+
+
+def store(steps, name, success=lambda cell: 50):
+    """Store a result of a step, see `stored_result`."""
+    file = state.result_file(name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(stored_result(steps, steps.by_name[name], success)))
 
 
 def store_all(steps, success):
@@ -61,24 +86,6 @@ def store_all(steps, success):
         steps: The plan.
         success: Successes of a hundred episodes, of the step's name and the cell.
     """
-    for step in steps.by_name.values():
-        if not isinstance(step, Evaluation):
-            continue
-        kind = step.name.partition("/")[0]
-        rows = rows_of(kind, lambda cell, name=step.name: success(name, cell))
-        stored = MACHINE | {
-            "command": state.command_of(steps, step),
-            "step": state.planned(step),
-            "minutes": 2.0,
-            "trainings": [training(steps, name) for name in steps.needs(step)],
-            "result": {
-                "rows": rows,
-                "seeds": [0, 1, 2],
-                "commit": "abc",
-                "pick": "pick-teacher",
-                "overall": {"pick": {"succeeded": 300, "tried": 400}},
-            },
-        }
-        file = state.result_file(step.name)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(stored))
+    for name, step in steps.by_name.items():
+        if isinstance(step, Evaluation):
+            store(steps, name, lambda cell, name=name: success(name, cell))

@@ -3,21 +3,27 @@
 import csv
 import io
 import json
+import re
 
 import pytest
-from stored_results import EPISODES, store_all
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stored_results import EPISODES, store, store_all
 
 from spin_rl.benchmark.tables import paper
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
-from spin_rl.reproduce.plan import PAPER, read_steps
+from spin_rl.reproduce.plan import PAPER, Evaluation, read_steps
 from spin_rl.reproduce.tables import table as tables
 from spin_rl.reproduce.tables.depth import at_samples
+from spin_rl.reproduce.tables.missing import Missing
 from spin_rl.reproduce.tables.rates import Rate, difference
 from spin_rl.reproduce.tables.registry import PLANS, TABLES
-from spin_rl.reproduce.tables.stored import Stored
+from spin_rl.reproduce.tables.stored import NothingStored, Stored
 from spin_rl.tasks.common.compose import compose
 
+SHIPPED = read_steps(compose("reproduce")["plan"])
+MEASURED = [step for step in SHIPPED.by_name.values() if isinstance(step, Evaluation)]
 PAPERS = [name for name, plan in PLANS.items() if plan == PAPER]
 
 
@@ -32,61 +38,163 @@ def successes(name, cell):
 def steps(tmp_path, monkeypatch):
     """The shipped plan with a result of every evaluation."""
     monkeypatch.setattr(state, "RESULT_DIR", tmp_path)
-    steps = read_steps(compose("reproduce")["plan"])
-    store_all(steps, successes)
-    return steps
+    store_all(SHIPPED, successes)
+    return SHIPPED
 
 
 @pytest.mark.parametrize("name", PAPERS)
-def test_every_table_is_whole_in_every_format(steps, name, tmp_path):
+def test_every_table_is_whole_in_every_format(steps, name):
     table = TABLES[name](Stored(steps, name))
-    assert table.name == name and table.rows and table.claims
+    assert table.name == name and table.rows and table.claims and table.missing is None
     for row in table.rows:
         assert len(row) == len(table.header)
-        assert all(cell for cell in row[2:-1]), row  # labels and trainings stand in the first row of a method
-    for ending in tables.FORMATS:
-        tables.write(table, tmp_path / f"table{ending}")
-    lines = (tmp_path / "table.md").read_text().splitlines()
+        assert all(row), row
+    lines = tables.markdown(table).splitlines()
     grid = [line for line in lines if line.startswith("|")]
     assert len(grid) == len(table.rows) + 2 and len({line.count("|") for line in grid}) == 1
-    records = list(csv.DictReader(io.StringIO((tmp_path / "table.csv").read_text())))
+    assert f"    spin-eval table={name}" in lines
+    records = list(csv.DictReader(io.StringIO(tables.csv_text(table))))
     assert len(records) == len(table.records)
     for read, record in zip(records, table.records, strict=True):
         assert {key: read[key] for key in record} == {
             key: "" if value is None else str(value) for key, value in record.items()
         }
-    kept = json.loads((tmp_path / "table.json").read_text())
+    kept = json.loads(tables.json_text(table))
     assert [list(row) for row in table.rows] == kept["rows"] and kept["claims"][0]["verdict"]
-    assert (tmp_path / "table.txt").read_text() == tables.terminal(table)
+    assert kept["title"] == table.title
+    assert tables.terminal(table).splitlines()[0] == table.title
 
 
 @pytest.mark.parametrize("name", PAPERS)
-def test_a_missing_result_is_refused_with_the_command_that_makes_it(steps, name):
+def test_every_table_tells_of_budget_machine_code_intervals_and_the_paper(steps, name):
+    told = tables.terminal(TABLES[name](Stored(steps, name)))
+    for fact in ("a machine", "commits abc", "95 %", "paper", "spin-"):
+        assert fact in told, fact
+    assert "M env steps" in told or name == "dynamic"  # shipped policies: their cards tell
+    orderings = {
+        "1": ["CVO over FixCam on hard", "CVO over NoPointNet on hard"],
+        "place": ["placing, CVO over NoPointNet"],
+        "fixcam": ["moving over FixCam IV on hard", "moving over the best fixed pose here"],
+        "visibility": ["2 m over 5 m"],
+        "dynamic": ["over classical, static obstacles", "over classical, dynamic obstacles"],
+        "depth": ["scandots over depth images"],
+    }
+    for ordering in orderings[name]:
+        line = next(line for line in told.splitlines() if ordering in line)
+        signed = r"[+-]\d\.\d\d"
+        assert re.search(rf": {signed} \({signed} to {signed}.*\), paper .*: [a-z ,]+$", line), line
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_a_table_without_any_result_is_refused_with_the_command_that_makes_it(steps, name):
     stored = Stored(steps, name)
     TABLES[name](stored)
-    for step in stored.used[:: max(1, len(stored.used) - 1)]:
+    for file in state.RESULT_DIR.rglob("*.json"):
+        file.unlink()
+    empty = Stored(steps, name)
+    said = rf"^table: {name}: not measured yet, \d+ results: spin-reproduce run=true "
+    with pytest.raises(NothingStored, match=said) as error:
+        TABLES[name](empty)
+    assert "\n" not in str(error.value)
+    assert empty.missing == stored.used
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_a_table_has_the_rows_that_are_measured_and_says_how_to_make_the_others(steps, name):
+    whole = Stored(steps, name)
+    TABLES[name](whole)
+    for step in whole.used:
         file = state.result_file(step.name)
         kept = file.read_text()
         file.unlink()
-        with pytest.raises(ConfigError, match=f"spin-reproduce run=true only={step.name}$") as error:
-            TABLES[name](Stored(steps, name))
-        assert "\n" not in str(error.value)
+        line = f"not measured yet, 1 result: spin-reproduce run=true only={step.name}"
+        if name == "depth":  # its rows are of all three measurements
+            with pytest.raises(NothingStored, match=f"{line}$"):
+                TABLES[name](Stored(steps, name))
+        else:
+            table = TABLES[name](Stored(steps, name))
+            assert table.rows and all(all(row) for row in table.rows)
+            assert tables.terminal(table).splitlines()[-1] == line
+            assert tables.markdown(table).endswith(f"\n\n    {line.partition(': ')[2]}\n")
         file.write_text(kept)
 
 
-def test_a_result_of_another_plan_is_refused(steps):
+@pytest.mark.parametrize("name", [name for name in PAPERS if name != "depth"])
+def test_a_table_of_one_result_alone_has_no_empty_cell(steps, name, tmp_path):
+    whole = Stored(steps, name)
+    TABLES[name](whole)
+    for one in whole.used:
+        for file in tmp_path.rglob("*.json"):
+            file.unlink()
+        store(steps, one.name)
+        table = TABLES[name](Stored(steps, name))
+        assert table.rows and all(all(row) for row in table.rows) and table.missing is not None
+        assert len(table.missing.names) == len(whole.used) - 1
+
+
+@settings(deadline=None)
+@given(st.lists(st.sampled_from(MEASURED), min_size=1, unique=True))
+def test_the_command_for_what_is_missing_chooses_that_and_no_more(missing):
+    only = Missing.of(SHIPPED, missing).command.partition("only=")[2].strip("'[]")
+    chosen = [step for step in SHIPPED.chosen(only.split(",")) if isinstance(step, Evaluation)]
+    assert {step.name for step in chosen} == {step.name for step in missing}
+
+
+def test_where_nobody_came_to_the_table_no_pick_was_tried(steps):
+    file = state.result_file("fetch/dvo-1")
+    stored = json.loads(file.read_text())
+    stored["result"]["overall"]["pick"] = {"succeeded": 0, "tried": 0}
+    file.write_text(json.dumps(stored))
+    table = TABLES["place"](Stored(steps, "place"))
+    row = next(row for row in table.rows if row[0] == "SPIN (DVO)")
+    assert row[2] == "none tried" and row[3].startswith("0.")
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda text: text[: len(text) // 2], r"reach/cvo-2\.json is no whole JSON"),
+        (lambda text: "", r"is no whole JSON"),
+        (lambda text: "[1]", r"is no whole JSON"),
+        (lambda text: text.replace('"result"', '"other"', 1), "lacks result"),
+        (lambda text: text.replace('"rows"', '"other"', 1), r"lacks result\.rows"),
+        (lambda text: text.replace('"seeds"', '"other"', 1), r"lacks result\.seeds"),
+        (lambda text: text.replace('"episodes"', '"other"', 1), r"lacks result\.rows\[0\]\.episodes"),
+    ],
+)
+def test_a_damaged_result_is_named_and_measured_again(steps, damage, said):
+    file = state.result_file("reach/cvo-2")
+    file.write_text(damage(file.read_text()))
+    step = steps.by_name["reach/cvo-2"]
+    assert state.state_of(steps, step).status == "missing"
+    again = r", which 1 reads; measure it again: spin-reproduce run=true only=reach/cvo-2$"
+    with pytest.raises(ConfigError, match=f"^table: .*{said}{again}") as error:
+        TABLES["1"](Stored(steps, "1"))
+    assert "\n" not in str(error.value)
+
+
+def test_a_result_of_another_plan_is_none_of_this_one(steps):
     file = state.result_file("reach/cvo-2")
     stored = json.loads(file.read_text())
     stored["trainings"][0]["seed"] = 9
     file.write_text(json.dumps(stored))
-    with pytest.raises(ConfigError, match="the plan has changed since result reach/cvo-2"):
-        TABLES["visibility"](Stored(steps, "visibility"))
+    table = TABLES["visibility"](Stored(steps, "visibility"))
+    assert table.missing is not None and table.missing.names == ("reach/cvo-2",)
+    assert next(row for row in table.rows if row[0] == "2 m")[-1] == "cvo-1"
+
+
+def test_results_of_an_older_commit_are_still_those_of_the_plan(steps):
+    file = state.result_file("reach/cvo-2")
+    stored = json.loads(file.read_text())
+    stored["commit"] = stored["result"]["commit"] = "0ld"
+    file.write_text(json.dumps(stored))
+    assert state.is_done(steps, steps.by_name["reach/cvo-2"])
+    assert "commits 0ld, abc" in tables.terminal(TABLES["1"](Stored(steps, "1")))
 
 
 def test_trainings_are_pooled_and_shown_one_by_one(steps):
     table = TABLES["1"](Stored(steps, "1"))
-    rows = {row[0]: i for i, row in enumerate(table.rows) if row[0]}
-    own = rows["SPIN (CVO)"]
+    own = next(i for i, row in enumerate(table.rows) if row[0] == "SPIN (CVO)")
     # 75 and 65 of a hundred on hard, 95 and 85 elsewhere.
     assert table.rows[own][4].startswith("0.70 (") and table.rows[own][2].startswith("0.90 (")
     assert table.rows[own + 1][4] == "0.75 0.65" and table.rows[own + 2][4] == "0.93"

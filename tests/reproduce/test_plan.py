@@ -3,12 +3,13 @@
 import json
 
 import pytest
+from stored_results import MACHINE, rows_of
 
 from spin_rl.cli import common, evaluate, train
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
 from spin_rl.reproduce.listing import progress
-from spin_rl.reproduce.plan import Evaluation, Training, read_steps
+from spin_rl.reproduce.plan import Evaluation, Training, is_alone, read_steps
 from spin_rl.reproduce.run import iterations
 from spin_rl.reproduce.tables.stored import Stored
 from spin_rl.runners.config import check_config
@@ -60,7 +61,9 @@ def store(steps, name, **changes):
     """Keep a result."""
     step = steps.by_name[name]
     trainings = [described(steps, other) for other in steps.needs(step)]
-    kept = {"command": "spin-eval", "commit": "abc", "hardware": "a machine", "minutes": 2.0, "result": {}}
+    rows = rows_of(name.partition("/")[0], lambda cell: 50)
+    kept = MACHINE | {"command": "spin-eval", "minutes": 2.0}
+    kept |= {"result": {"rows": rows, "seeds": [0], "commit": "abc"}}
     kept |= {"step": state.planned(step), "trainings": trainings} | changes
     file = state.result_file(name)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -96,8 +99,20 @@ def test_iterations_give_at_least_the_samples():
 
 def test_every_evaluation_names_a_command_that_composes():
     for step in SHIPPED.by_name.values():
-        if isinstance(step, Evaluation) and not step.name.startswith("dynamic/"):
+        if isinstance(step, Evaluation):
             compose(step.command, SHIPPED.arguments(step))
+
+
+@pytest.mark.parametrize("kind", ["dynamic", "fetch"])
+def test_benchmarks_of_the_shipped_plan_have_their_episodes(kind):
+    """As spin-eval itself reads them: 300 of every row with dynamic obstacles, 60 fetches of every cell."""
+    for step in SHIPPED.by_name.values():
+        if step.name.startswith(f"{kind}/"):
+            task = ["task=fetch"] if kind == "fetch" else []
+            given = [*task, *SHIPPED.arguments(step)]
+            options = evaluate.read_options(common.Call(compose("eval", given), given))
+            assert options.benchmark.name == kind
+            assert options.episodes * len(options.seeds) == {"dynamic": 300, "fetch": 60}[kind]
 
 
 def test_trainings_come_before_what_needs_them_and_seeds_go_together(steps):
@@ -200,11 +215,15 @@ def test_a_group_may_be_measured_in_another_way(tmp_path, monkeypatch):
         Stored(steps, "t").of_trainings("places", "a")
 
 
+def test_only_the_evaluation_of_speed_is_alone():
+    assert [step.name for step in SHIPPED.by_name.values() if is_alone(step)] == ["speed/images"]
+
+
 def test_tables_take_no_other_settings(monkeypatch, capfd):
     for arguments, expected in (
         (["table=2"], "table: unknown '2'"),
         (["table=1", "seeds=[0]"], "seeds: table=1 is of stored results"),
-        (["table=1", "out=a.pdf"], "out: a table is written to .md, .csv"),
+        (["table=1", "out=a.pdf"], "out: table=1 is written to .md or .csv"),
         (["table=1", "fresh=maybe"], "fresh: expected true or false"),
     ):
         monkeypatch.setattr("sys.argv", ["spin-eval", *arguments])

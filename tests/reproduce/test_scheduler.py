@@ -10,6 +10,7 @@ from filelock import FileLock
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import run, state
 from spin_rl.reproduce.estimate import time_ahead
+from spin_rl.reproduce.plan import read_steps
 
 BOTH_HOLD = {"a-1": "holds", "a-2": "holds"}
 
@@ -59,6 +60,23 @@ def test_steps_run_side_by_side(make_runner):
     assert not runner.run(make_runner.all)
     assert [tool for tool, _ in runner.calls] == ["train", "train"]
     assert runner.lines[-1] == "Stopped by minutes=5 in a-1, a-2"
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 4])
+@pytest.mark.parametrize("needs", ["policy={a-2}", "policy=zero"])
+def test_what_has_to_be_alone_is(make_runner, jobs, needs, tmp_path):
+    quiet = {"kind": "quiet", "name": "a", "arguments": [needs], "alone": True}
+    group = make_runner.plan["groups"][0] | {"evaluations": [quiet]}
+    make_runner.steps = read_steps(make_runner.plan | {"groups": [group]}, tmp_path / "runs")
+    steps = list(make_runner.steps.by_name.values())
+    assert make_runner({"a-1": "slow"}, jobs=jobs).run(steps)
+    events = make_runner.events()
+    at = events.index(("begin", "quiet/a"))
+    assert events[at + 1] == ("end", "quiet/a")
+    before = [what for what, _ in events[:at]]
+    assert before.count("begin") == before.count("end")
+    assert at == 0 or needs == "policy={a-2}"  # where it may, it begins before anything else runs
+    assert len(events) == 2 * len(steps)
 
 
 def test_limit_of_time_saves_and_the_next_call_goes_on(make_runner):
@@ -197,3 +215,11 @@ def test_a_run_with_other_arguments_than_planned_is_refused(make_runner):
 )
 def test_time_ahead(make_runner, minutes, jobs, expected):
     assert time_ahead(make_runner.steps, minutes, jobs) == expected
+
+
+def test_time_ahead_knows_what_has_to_be_alone(make_runner, tmp_path):
+    quiet = {"kind": "quiet", "name": "a", "arguments": ["policy=zero"], "alone": True}
+    group = make_runner.plan["groups"][0] | {"evaluations": [quiet]}
+    steps = read_steps(make_runner.plan | {"groups": [group]}, tmp_path / "runs")
+    minutes = {"a-1": 10.0, "a-2": 4.0, "quiet/a": 3.0, "reach/a-1": 2.0}
+    assert time_ahead(steps, minutes, 2) == 15.0 and time_ahead(steps, minutes, 1) == 19.0

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spin_rl.deploy.kinematics import Frame, rotation
-from spin_rl.deploy.pilot.settings import Shape
-
-NUM_HULLS = 4
-"""Base; mast and head; arm; wrist and gripper."""
+from spin_rl.deploy.pilot.settings import NUM_HULLS, Shape
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ _CAME_S, _STAYS_S = 3.0, 2.0
 _LOW_M, _SPREAD_M = 0.09, 0.015
 """What is lower is gone where the floor is seen so near to what was seen of it."""
 _FORGET_EVERY = 10
+_ROOM_M, _STEP_M = 2.0, 1.0
+"""A place is never so near to the map's edge; by how much more the map moves then."""
 _NEVER = -(10**6)
 
 
@@ -52,7 +54,7 @@ class Window:
 
 
 class Costmap:
-    """The map of one episode.
+    """The map of one episode. It goes along with a camera that gets near its edge.
 
     Attributes:
         changed: Whether cells became occupied or free since somebody set it to False.
@@ -93,6 +95,7 @@ class Costmap:
             points: What it sees but the robot itself, in the frame of the odometry [m], shape (n, 3).
         """
         self._tick += 1
+        self._go_along(camera.pos[:2])
         self._clear(eye, depth, camera)
         self._mark(points)
         if self._tick % _FORGET_EVERY == 0:
@@ -117,6 +120,28 @@ class Costmap:
         """Return middles and half extents of the boxes in all occupied cells [m], each of shape (n, 2)."""
         low, high = self._low[:, taken := self._layers > 0].T, self._high[:, taken].T
         return 0.5 * (low + high), 0.5 * (high - low)
+
+    def _go_along(self, place: np.ndarray) -> None:
+        """Move the map, by whole cells, where a place is near its edge; what is beyond is forgotten."""
+        at, size = place - self._origin, self._side * self._cell
+        room = min(_ROOM_M, 0.25 * size)
+        beyond = np.minimum(at - room, 0.0) + np.maximum(at + room - size, 0.0)
+        cells = np.rint((beyond + _STEP_M * np.sign(beyond)) / self._cell)
+        if not cells.any():
+            return
+        self._origin, self.changed = self._origin + self._cell * cells, True
+        index = np.arange(self._side) + cells[:, None]
+        is_new = (index < 0.0) | (index >= self._side)
+        shift = [-int(cells[axis] % self._side) for axis in (1, 0)]
+        for values in (self._layers, self._low, self._high, self._seen_at, self._first_at, self._floor_at):
+            grid = values.reshape(-1, self._side, self._side)
+            grid[:] = np.roll(grid, shift, (1, 2))
+        grid = self._moves.reshape(self._side, self._side)
+        grid[:] = np.roll(grid, shift, (0, 1))
+        new = np.flatnonzero(is_new[1][:, None] | is_new[0])
+        self._layers[new] = 0
+        self._floor_at[new] = _NEVER
+        self._empty(new)
 
     def _span(self, at: float, axis: int, reach: float) -> slice:
         first, last = (

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from spin_rl import robot
+from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import RobotState
 from spin_rl.deploy.kinematics import Frame, Kinematics
-from spin_rl.deploy.pilot.body import Body, Posed
+from spin_rl.deploy.pilot.body import Body
 from spin_rl.deploy.pilot.costmap import Costmap
 from spin_rl.deploy.pilot.eye import Eye
 from spin_rl.deploy.pilot.guard import filtered
@@ -38,12 +39,20 @@ class Pilot:
     costmap: Costmap
 
     def __init__(self, contract: Contract, speed_scale: float = 1.0) -> None:
-        """Prepare everything for a contract with a guard; see `Decoder` for `speed_scale`."""
+        """Prepare everything for a contract with a guard; see `Decoder` for `speed_scale`.
+
+        Raises:
+            ConfigError: The contract is of another robot.
+        """
         assert contract.guard is not None
         self._contract, self._guard = contract, contract.guard
         self._planner = contract.planner if contract.has_planner else None
         self._eye, self._body = Eye(contract.camera), Body(contract.shapes)
         self._kinematics = Kinematics()
+        bodies = self._kinematics.bodies(np.zeros(len(robot.JOINTS)))
+        for shape in contract.shapes:
+            if shape.body not in bodies:
+                raise ConfigError(f"{contract.name}: shapes: the robot has no body {shape.body!r}")
         self._drive = Drive.of(contract, speed_scale)
         self._steps = max(round(self._guard.look_ahead_s / contract.period_s), 1)
         self.route: Route | None = None
@@ -67,21 +76,19 @@ class Pilot:
         origin = 0.5 * (place + goal - size)
         self.costmap = Costmap(origin, size, cell, memory_s=self._guard.memory_s, period_s=period)
         self._goal, self.is_guarded = goal, False
-        self._posed: Posed | None = None
 
     def see(self, depth: np.ndarray, joints: np.ndarray, base: np.ndarray) -> None:
         """Take in an image.
 
         Args:
             depth: Upright image of the policy's size [m], 0 where nothing was measured.
-            joints: In `robot.JOINTS` order [m, rad], shape (8,).
-            base: Pose of the base in the frame of the odometry, shape (3,).
+            joints: When it was taken, in `robot.JOINTS` order [m, rad], shape (8,).
+            base: Pose of the base then, in the frame of the odometry, shape (3,).
         """
         bodies = self._kinematics.bodies(joints)
-        self._posed = self._body.pose(bodies)
         camera = self._kinematics.sites(bodies)[robot.CAMERA_SITE]
         points = camera.to_base(self._eye.points(depth))
-        points = points[~self._posed.holds(points, _OWN_M)]
+        points = points[~self._body.pose(bodies).holds(points, _OWN_M)]
         here = _base_frame(base)
         camera = Frame(here.to_base(camera.pos), here.mat @ camera.mat)
         self.costmap.see(self._eye, depth, camera, here.to_base(points))
@@ -98,9 +105,9 @@ class Pilot:
         Where the robot is stuck the pilot drives by itself. The arm keeps still then, since the policy does
         not know of it.
         """
-        assert self._posed is not None
         base, margin = state.base, self._guard.margin_m
-        trial = Trial(self.costmap, self._posed.hulls, base, state.base_velocity, self._drive, margin)
+        hulls = self._body.pose(self._kinematics.bodies(state.joints)).hulls
+        trial = Trial(self.costmap, hulls, base, state.base_velocity, self._drive, margin)
         asked = self._drive.command_of(action[:2])
         command = filtered(asked, self._steps, trial)
         self.is_guarded = command is not asked

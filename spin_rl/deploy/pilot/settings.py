@@ -8,6 +8,8 @@ from typing import Annotated
 from spin_rl.config import POSITIVE, Range
 
 Positive = Annotated[float, POSITIVE]
+NUM_HULLS = 4
+"""Base; mast and head; arm; wrist and gripper."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class Guard:
     """
 
     enabled: bool
-    look_ahead_s: Positive
-    margin_m: Annotated[float, Range(0.0)]
+    look_ahead_s: Annotated[float, Range(0.0, 2.0, above=True)]
+    margin_m: Annotated[float, Range(0.0, 0.5)]
     lag_s: Positive
     memory_s: Positive
 
@@ -45,11 +47,11 @@ class Planner:
     """
 
     enabled: bool
-    ahead_m: Positive
+    ahead_m: Annotated[float, Range(0.3, 10.0)]
     replan_s: Positive
     stuck_s: Positive
-    clearance_m: Annotated[float, Range(0.0)]
-    blocked_m: Annotated[float, Range(0.0)]
+    clearance_m: Annotated[float, Range(0.0, 2.0)]
+    blocked_m: Annotated[float, Range(0.0, 1.0)]
     cell_m: Annotated[float, Range(0.02, 0.3)]
     size_m: Annotated[float, Range(2.0, 100.0)]
 
@@ -67,7 +69,7 @@ class Shape:
         radius: Of the rounding [m].
     """
 
-    hull: Annotated[int, Range(0, 3)]
+    hull: Annotated[int, Range(0, NUM_HULLS - 1)]
     body: str
     pos: tuple[float, float, float]
     quat: tuple[float, float, float, float]

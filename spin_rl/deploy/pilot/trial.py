@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spin_rl.deploy.contract import Contract
-from spin_rl.deploy.pilot.body import NUM_HULLS, Hulls
+from spin_rl.deploy.pilot.body import Hulls
 from spin_rl.deploy.pilot.costmap import Costmap, Window, layers_between
+from spin_rl.deploy.pilot.settings import NUM_HULLS
 
 _REACH_M = 1.6
 """Nothing farther from the base's origin is hit within the time that is looked ahead [m]."""

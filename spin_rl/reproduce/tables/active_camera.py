@@ -12,8 +12,9 @@ from spin_rl.benchmark.metrics import mean_interval
 from spin_rl.config import ConfigError
 from spin_rl.reproduce.plan import Training
 from spin_rl.reproduce.state import read_result
+from spin_rl.reproduce.tables.notes import budget_note
 from spin_rl.reproduce.tables.rates import Rate, difference
-from spin_rl.reproduce.tables.stored import Measured, Stored, budget_note
+from spin_rl.reproduce.tables.stored import Measured, Stored
 from spin_rl.reproduce.tables.table import Claim, Table
 
 KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
@@ -52,6 +53,7 @@ class Margin(Claim):
 def active_camera(stored: Stored) -> Table:
     """Success of the free camera beside constant poses, one chosen at the start, and none at all."""
     groups = _groups(stored)
+    _refuse_unfinished(stored, groups)
     rows: list[tuple[str, ...]] = []
     records: list[Mapping[str, Any]] = []
     margins: list[Margin] = []
@@ -77,7 +79,6 @@ def active_camera(stored: Stored) -> Table:
         notes.append(_bound("fetch", stored.result(f"{SIGHT}/fetch")))
     return Table(
         "active_camera",
-        "A camera that moves against constant poses that were trained in",
         _HEADER,
         tuple(rows),
         tuple(records),
@@ -105,6 +106,21 @@ def _groups(stored: Stored) -> dict[str, list[str]]:
             begun.add(step.group)
     chosen = {group: list(dict.fromkeys(found)) for group, found in names.items()}
     return {group: found for group, found in chosen.items() if group in begun} or dict([*chosen.items()][:1])
+
+
+def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> None:
+    """Refuse groups that are not whole, with all that they lack.
+
+    Raises:
+        NothingStored: They lack something.
+    """
+    for group, names in groups.items():
+        for name in names:
+            stored.measured(KIND, name)
+        if group != LEARN:
+            stored.measured(FREEZE, f"{group}_free")
+            stored.find(f"{SIGHT}/{group}")
+    stored.refuse_missing()
 
 
 def _fetch_rows(stored: Stored) -> list[tuple[str, ...]]:

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spin_rl.benchmark.tables.paper import FIXCAM, REACH
+from spin_rl.reproduce.tables.notes import COMMANDS, budget_note, episodes_note
 from spin_rl.reproduce.tables.rates import Rate
-from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, budget_note, episodes_note
+from spin_rl.reproduce.tables.stored import Cell, Measured, Stored
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 
@@ -17,7 +18,7 @@ CELLS: tuple[Cell, ...] = tuple(
 HARD: tuple[Cell, ...] = tuple((scenario, "hard") for scenario in SCENARIOS)
 HEADER = (
     "method",
-    "",
+    "figure",
     *(f"S{scenario} {difficulty}" for scenario, difficulty in CELLS),
     "trainings",
 )
@@ -32,19 +33,35 @@ _METHODS = {
 _MAPS = {"exact": "none", "with small errors": "small", "with large errors": "large"}
 """Further rows of Mapping -> errors of the map in the measurement."""
 POSES = ("I", "II", "III", "IV")
+_MOVING, _MOVING_WIDE, _HELD_WIDE = "camera moves (CVO)", "camera moves, landscape", "FixCam IV, landscape"
+_CAMERAS = {f"FixCam {pose}": f"fixcam_{pose}" for pose in POSES} | {
+    _MOVING: "cvo",
+    _HELD_WIDE: "landscape_fixcam_IV",
+    _MOVING_WIDE: "landscape_cvo",
+}
+"""Row of the table of fixed cameras -> name of its trainings."""
+THEIRS = "the paper's"
+"""In the place of trainings, where a row is the paper's."""
 
 
 def table_1(stored: Stored) -> Table:
     """Table 1, the part of reaching: success and time of the successful episodes."""
-    methods = {label: stored.reach(name) for label, name in _METHODS.items()}
+    methods = stored.reach(_METHODS)
+    maps = {
+        f"Mapping, {label}": stored.measured(f"map_{errors}", _METHODS["Mapping"])
+        for label, errors in _MAPS.items()
+    }
+    maps = {label: method for label, method in maps.items() if method.results}
+    stored.refuse_empty()
     rows: list[tuple[str, ...]] = []
     records: list[Mapping[str, Any]] = []
     for label, method in methods.items():
         paper = REACH[label]
         rows += success_rows(label, method, [paper[cell].success_rate for cell in CELLS])
         times = [method.mean("duration_s", cell) for cell in CELLS]
-        rows.append(("", "time", *("none" if time is None else f"{time:.1f} s" for time in times), ""))
-        rows.append(("", "paper, time", *(f"{paper[cell].duration_s:.1f} s" for cell in CELLS), ""))
+        mean = ("none" if time is None else f"{time:.1f} s" for time in times)
+        rows.append((label, "time", *mean, method.steps))
+        rows.append((label, "paper, time", *(f"{paper[cell].duration_s:.1f} s" for cell in CELLS), THEIRS))
         records += [
             record(label, method, cell)
             | {
@@ -54,17 +71,12 @@ def table_1(stored: Stored) -> Table:
             }
             for cell in CELLS
         ]
-    for label, errors in _MAPS.items():
-        name = f"map_{errors}"
-        method = Measured(
-            name, tuple(stored.result(f"{name}/{t['name']}") for t in methods["Mapping"].trainings)
-        )
-        rows += success_rows(f"Mapping, {label}", method, None)
-        records += [record(f"Mapping, {label}", method, cell) for cell in CELLS]
-    every = list(methods.values())
+    for label, method in maps.items():
+        rows += success_rows(label, method, None)
+        records += [record(label, method, cell) for cell in CELLS]
+    every = [*methods.values(), *maps.values()]
     return Table(
         "1",
-        "Table 1, reach: success, paper's below",
         HEADER,
         tuple(rows),
         tuple(records),
@@ -74,20 +86,18 @@ def table_1(stored: Stored) -> Table:
             episodes_note(every),
             "time: mean of the successful episodes; the paper does not say whether failures count",
             "FixCam is pose IV, as in the paper's supplement; the map's errors are those of training",
+            COMMANDS,
         ),
+        missing=stored.rest,
     )
 
 
 def fixcam(stored: Stored) -> Table:
     """The table of the fixed camera's poses, beside the camera that moves, in both mounts of the camera."""
-    fixed = {pose: stored.reach(f"fixcam_{pose}") for pose in POSES}
-    moving = stored.reach("cvo")
-    held, free = stored.reach("landscape_fixcam_IV"), stored.reach("landscape_cvo")
-    methods = {f"FixCam {pose}": method for pose, method in fixed.items()}
-    methods |= {"camera moves (CVO)": moving}
-    methods |= {"FixCam IV, landscape": held, "camera moves, landscape": free}
+    methods = stored.reach(_CAMERAS)
+    stored.refuse_empty()
     paper = {f"FixCam {pose}": list(figures) for pose, figures in FIXCAM.items()}
-    paper["camera moves (CVO)"] = [REACH["SPIN (CVO)"][cell].success_rate for cell in CELLS]
+    paper[_MOVING] = [REACH["SPIN (CVO)"][cell].success_rate for cell in CELLS]
     rows: list[tuple[str, ...]] = []
     records: list[Mapping[str, Any]] = []
     for label, method in methods.items():
@@ -96,26 +106,20 @@ def fixcam(stored: Stored) -> Table:
         for i, cell in enumerate(CELLS):
             beside = {} if theirs is None else {"paper_success_rate": theirs[i]}
             records.append(record(label, method, cell) | beside)
-    gap = _paper_on_hard("SPIN (CVO)") - _paper_on_hard("FixCam")  # IV is also the paper's best pose
-    best = max(fixed.values(), key=lambda method: method.rate(*HARD).value)
-    claims = [
-        _on_hard("moving over FixCam IV on hard", moving, fixed["IV"], gap, 0.30),
-        _on_hard(f"moving over the best fixed pose here ({best.name}) on hard", moving, best, gap, 0.30),
-        _on_hard("the same in landscape, FixCam IV", free, held, gap, 0.30),
-    ]
     every = list(methods.values())
     return Table(
         "fixcam",
-        "FixCam: success with the camera frozen in each pose, paper's below",
         HEADER,
         tuple(rows),
         tuple(records),
-        claims=tuple(claims),
+        claims=_claims_of_fixcam(methods),
         notes=(
             budget_note(every),
             episodes_note(every),
             "portrait unless landscape is named; angles of the poses are read from the paper's pictures",
+            COMMANDS,
         ),
+        missing=stored.rest,
     )
 
 
@@ -131,7 +135,24 @@ def _claims_of_1(methods: Mapping[str, Measured]) -> tuple[Claim, ...]:
             least,
         )
         for label, least in wanted.items()
+        if own in methods and label in methods
     )
+
+
+def _claims_of_fixcam(methods: Mapping[str, Measured]) -> tuple[Claim, ...]:
+    gap = _paper_on_hard("SPIN (CVO)") - _paper_on_hard("FixCam")  # IV is also the paper's best pose
+    fixed = [methods[f"FixCam {pose}"] for pose in POSES if f"FixCam {pose}" in methods]
+    found: list[Claim] = []
+    if moving := methods.get(_MOVING):
+        if held := methods.get("FixCam IV"):
+            found.append(_on_hard("moving over FixCam IV on hard", moving, held, gap, 0.30))
+        if fixed:
+            best = max(fixed, key=lambda method: method.rate(*HARD).value)
+            text = f"moving over the best fixed pose here ({best.name}) on hard"
+            found.append(_on_hard(text, moving, best, gap, 0.30))
+    if (free := methods.get(_MOVING_WIDE)) and (held := methods.get(_HELD_WIDE)):
+        found.append(_on_hard("the same in landscape, FixCam IV", free, held, gap, 0.30))
+    return tuple(found)
 
 
 def _paper_on_hard(label: str) -> float:
@@ -147,9 +168,9 @@ def success_rows(label: str, method: Measured, paper: Sequence[float] | None) ->
     rows = [(label, "ours", *(method.rate(cell).text() for cell in CELLS), method.steps)]
     if len(method.results) > 1:
         each = [" ".join(f"{rate.value:.2f}" for rate in method.rates(cell)) for cell in CELLS]
-        rows.append(("", "each", *each, ""))
+        rows.append((label, "each", *each, method.steps))
     if paper is not None:
-        rows.append(("", "paper", *(f"{figure:.2f}" for figure in paper), ""))
+        rows.append((label, "paper", *(f"{figure:.2f}" for figure in paper), THEIRS))
     return rows
 
 

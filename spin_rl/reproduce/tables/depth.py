@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from spin_rl.benchmark.tables.paper import DIRECT_DEPTH_SUCCESS, FRAMES_PER_S
-from spin_rl.reproduce.tables.stored import Measured, Stored, budget_note, episodes_note
+from spin_rl.config import ConfigError
+from spin_rl.reproduce.tables.notes import COMMANDS, budget_note, episodes_note, known
+from spin_rl.reproduce.tables.stored import Measured, Stored
 from spin_rl.reproduce.tables.table import Table, compare
 
 _METHODS = {"scandots": "cvo", "depth": "direct_depth"}
@@ -16,10 +18,18 @@ _WITH_IMAGES = "env step with depth images"
 
 
 def depth(stored: Stored) -> Table:
-    """Steps a second and what was learned in about equal time; also at equal samples."""
-    methods = {label: stored.reach(name) for label, name in _METHODS.items()}
-    speed = stored.result("speed/images")
-    row = next(row for row in speed["result"]["rows"] if row["name"] == _WITH_IMAGES)
+    """Steps a second and what was learned in about equal time; also at equal samples.
+
+    Raises:
+        NothingStored: Something is missing: its rows are of all three measurements.
+    """
+    methods = stored.reach(_METHODS)
+    speed = stored.find("speed/images")
+    stored.refuse_missing()
+    assert speed is not None
+    row = next((row for row in speed["result"]["rows"] if row["name"] == _WITH_IMAGES), None)
+    if row is None:
+        raise ConfigError(f"table: speed/images has no row '{_WITH_IMAGES}'")
     frames = {"scandots": row["baseline_value"], "depth": row["value"]}
     paper_success = {"scandots": "", "depth": f"< {DIRECT_DEPTH_SUCCESS:.2f}"}
     samples = min(_samples(method) for method in methods.values())
@@ -66,16 +76,15 @@ def depth(stored: Stored) -> Table:
     ratio, paper_ratio = (values["scandots"] / values["depth"] for values in (frames, FRAMES_PER_S))
     return Table(
         "depth",
-        "Scandots against depth images: steps a second, and success after about equal time",
         (
             "learned from",
             "simulated/s",
-            "paper",
+            "simulated/s, paper's",
             "trained/s",
             "samples",
             "time",
             "success",
-            "paper",
+            "success, paper's",
             f"in training at {samples / 1e6:.1f} M",
             "trainings",
         ),
@@ -94,7 +103,9 @@ def depth(stored: Stored) -> Table:
             budget_note(every),
             episodes_note(every),
             f"simulated {ratio:.1f} times as fast with scandots alone ({speed['hardware']}), paper "
-            f"{paper_ratio:.0f} times (one GPU, 8192 worlds and 256): {speed['command']}",
+            f"{paper_ratio:.0f} times (one GPU, 8192 worlds and 256): `{speed['command']}`, commit "
+            f"{known([speed['commit']])}",
+            COMMANDS,
         ),
     )
 

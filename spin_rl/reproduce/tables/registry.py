@@ -30,6 +30,8 @@ TABLES: Mapping[str, Callable[[Stored], Table]] = MappingProxyType(
     }
 )
 """Value of `table=` -> what makes the table of stored results."""
+ALL = "all"
+"""Value of `table=` for the page of all of them."""
 PLANS: Mapping[str, str] = MappingProxyType(
     {name: PAPER for name in TABLES} | {"active_camera": "active_camera"}
 )

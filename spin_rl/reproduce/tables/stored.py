@@ -1,17 +1,19 @@
-"""What tables read: results of the plan, all of them or a refusal that says how to make what is missing."""
+"""What tables read: the results of the plan that are there, and how to make those that are missing."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from spin_rl.config import ConfigError
-from spin_rl.reproduce.plan import PAPER, REACH, Evaluation, Steps
-from spin_rl.reproduce.state import read_result, state_of
+from spin_rl.reproduce.plan import REACH, Evaluation, Steps
+from spin_rl.reproduce.state import damage_of, read_result, state_of
+from spin_rl.reproduce.tables.missing import Missing
 from spin_rl.reproduce.tables.rates import Rate
 
 Cell = tuple[int, str]
+Label = TypeVar("Label")
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,10 @@ def _cell(row: Mapping[str, Any]) -> tuple[Any, Any]:
     return row.get("scenario"), row.get("difficulty")
 
 
+class NothingStored(ConfigError):
+    """What a table cannot do without is not there yet; one line with the command that makes it."""
+
+
 @dataclass
 class Stored:
     """The stored results of a plan, for one table.
@@ -81,21 +87,24 @@ class Stored:
         steps: The plan.
         table: Name of the table, for messages.
         used: Steps that were read, in order.
+        missing: Those whose result is not there, or of another plan.
     """
 
     steps: Steps
     table: str
     used: list[Evaluation] = field(default_factory=list)
+    missing: list[Evaluation] = field(default_factory=list)
 
-    def reach(self, name: str) -> Measured:
-        """Results of the reach benchmark of all trainings of a name; see `of_trainings`."""
-        return self.of_trainings(REACH, name)
+    def reach(self, names: Mapping[Label, str]) -> dict[Label, Measured]:
+        """Results of the reach benchmark by label, of those trainings that have one; see `measured`."""
+        found = {label: self.measured(REACH, name) for label, name in names.items()}
+        return {label: method for label, method in found.items() if method.results}
 
-    def of_trainings(self, kind: str, name: str) -> Measured:
-        """Results of a kind of all trainings of a name.
+    def measured(self, kind: str, name: str) -> Measured:
+        """Results of a kind of those trainings of a name that have one; the others are noted as missing.
 
         Raises:
-            ConfigError: One is missing; one line with the command that makes it.
+            ConfigError: The plan does not have such trainings, or a result is damaged.
         """
         found = [
             step
@@ -104,75 +113,68 @@ class Stored:
         ]
         if not found:
             raise ConfigError(f"table: {self.table} needs trainings {name}, which the plan does not have")
-        return Measured(name, tuple(self.result(step.name) for step in found))
+        results = [self.find(step.name) for step in found]
+        return Measured(name, tuple(result for result in results if result is not None))
+
+    def of_trainings(self, kind: str, name: str) -> Measured:
+        """Results of a kind of all trainings of a name.
+
+        Raises:
+            NothingStored: One is missing.
+        """
+        measured = self.measured(kind, name)
+        self.refuse_missing()
+        return measured
 
     def result(self, name: str) -> Mapping[str, Any]:
         """The stored result of a step.
 
         Raises:
-            ConfigError: It is missing, or of another plan; one line with the command that makes it.
+            NothingStored: It is missing.
+        """
+        found = self.find(name)
+        self.refuse_missing()
+        assert found is not None
+        return found
+
+    def find(self, name: str) -> Mapping[str, Any] | None:
+        """The stored result of a step; None, and noted as missing, where there is none of this plan.
+
+        Raises:
+            ConfigError: The plan does not have it, or it is damaged.
         """
         step = self.steps.by_name.get(name)
         if not isinstance(step, Evaluation):
             raise ConfigError(f"table: {self.table} needs {name}, which the plan does not have")
-        status = state_of(self.steps, step).status
-        if status != "done":
-            what = "there is no" if status == "missing" else "the plan has changed since"
-            plan = "" if self.steps.plan == PAPER else f"plan={self.steps.plan} "
-            raise ConfigError(
-                f"table: {what} result {name}, which {self.table} needs: "
-                f"spin-reproduce {plan}run=true only={name}"
-            )
-        self.used.append(step)
-        stored = read_result(name)
-        assert stored is not None
-        return stored
+        if state_of(self.steps, step).status != "done":
+            if damage := damage_of(name):
+                again = Missing.of(self.steps, [step]).command
+                raise ConfigError(f"table: {damage}, which {self.table} reads; measure it again: {again}")
+            self.missing.append(step)
+            return None
+        if step not in self.used:
+            self.used.append(step)
+        return read_result(name)
 
+    def refuse_missing(self) -> None:
+        """Refuse a table of which something is missing.
 
-def budget_note(methods: list[Measured], how: str = "trained from scratch") -> str:
-    """Say what trainings had alike: samples, time, processes, machines and code; `how` they were trained."""
-    trainings = [training for method in methods for training in method.trainings]
-    whole = [_whole(training) for training in trainings]
-    steps = sorted({round(facts["env_steps"] / 1e6, 1) for facts in whole})
-    minutes = sorted(facts["minutes"] for facts in whole)
-    processes = sorted({training["processes"] for training in trainings})
-    machines = sorted({training["hardware"] for training in trainings})
-    commits = known(commit for training in trainings for commit in training["commits"])
-    seeds = sorted({training["seed"] for training in trainings})
-    return (
-        f"{how} for {_span(steps)} M env steps in {minutes[0]:.0f} to {minutes[-1]:.0f} min, "
-        f"processes of each: {_span(processes)}, {'; '.join(machines)}, seeds {_listed(seeds)}, "
-        f"commits {commits}"
-    )
+        Raises:
+            NothingStored: Something is.
+        """
+        if self.missing:
+            raise NothingStored(f"table: {self.table}: {Missing.of(self.steps, self.missing).line()}")
 
+    def refuse_empty(self) -> None:
+        """Refuse a table of which nothing is there.
 
-def episodes_note(methods: list[Measured]) -> str:
-    """Say how the trainings were measured."""
-    results = [result["result"] for method in methods for result in method.results]
-    episodes = sorted({row["episodes"] for result in results for row in result["rows"]})
-    seeds = sorted({seed for result in results for seed in result["seeds"]})
-    commits = known(result["commit"] for result in results)
-    return (
-        f"{_span(episodes)} episodes a cell and training, seeds {_listed(seeds)}, "
-        f"commits {commits}; "
-        "intervals: 95 %, of all trainings of a row together, over corridors and not over trainings"
-    )
+        Raises:
+            NothingStored: Nothing is.
+        """
+        if not self.used:
+            self.refuse_missing()
 
-
-def known(commits: Iterable[str | None]) -> str:
-    """List the commits of the code; a copy that is no checkout knows none."""
-    return _listed(sorted({commit or "unknown" for commit in commits}))
-
-
-def _whole(training: Mapping[str, Any]) -> dict[str, float]:
-    """Samples and minutes of a training with those of the trainings that it was started from."""
-    parts = [training, *map(_whole, training["needs"])]
-    return {key: sum(part[key] for part in parts) for key in ("env_steps", "minutes")}
-
-
-def _span(values: list[Any]) -> str:
-    return f"{values[0]}" if values[0] == values[-1] else f"{values[0]} to {values[-1]}"
-
-
-def _listed(values: list[Any]) -> str:
-    return ", ".join(map(str, values))
+    @property
+    def rest(self) -> Missing | None:
+        """What a table says of its missing results; None where all are there."""
+        return Missing.of(self.steps, self.missing) if self.missing else None

@@ -5,15 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import json
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from spin_rl.benchmark.tables.reach import align
-from spin_rl.config import ConfigError
-from spin_rl.files import write_text
+from spin_rl.reproduce.tables.missing import Missing
 from spin_rl.reproduce.tables.rates import Rate, difference
+from spin_rl.reproduce.tables.texts import TEXTS
+
+_COLUMNS = 120
+"""Of a line in Markdown, but for tables and commands."""
 
 
 @dataclass(frozen=True)
@@ -83,37 +86,62 @@ class Table:
 
     Attributes:
         name: Value of `table=`.
-        title: What it shows.
         header: Headings.
         rows: Cells as text.
         records: The figures, one mapping a figure or row, for CSV and JSON.
         claims: Orderings that the paper claims.
         notes: What a reader has to know: budgets, intervals, machine, commands.
+        missing: Results that would make further rows; None where all are there.
     """
 
     name: str
-    title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     records: tuple[Mapping[str, Any], ...]
     claims: tuple[Claim, ...] = ()
     notes: tuple[str, ...] = ()
+    missing: Missing | None = None
+
+    @property
+    def title(self) -> str:
+        """What it shows."""
+        return TEXTS[self.name].title
 
 
 def terminal(table: Table) -> str:
     """Format a table for the terminal."""
     lines = align([list(table.header), *map(list, table.rows)])
-    return "\n".join([table.title, *lines, *(claim.line() for claim in table.claims), *table.notes])
+    rest = [] if table.missing is None else [table.missing.line()]
+    return "\n".join([table.title, *lines, *(claim.line() for claim in table.claims), *table.notes, *rest])
 
 
 def markdown(table: Table) -> str:
-    """Format a table as Markdown, with a heading."""
+    """Format a table as Markdown, with its heading, its sentences and its command."""
     rows = [table.header, ("---",) * len(table.header), *table.rows]
     lines = [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows]
-    claims = [f"- {claim.line()}" for claim in table.claims]
-    notes = [f"- {note}" for note in table.notes]
-    blocks = [[f"## {table.title}"], lines, claims, notes]
-    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+    told = [*(claim.line() for claim in table.claims), *table.notes]
+    items = [_wrapped(f"- {text}", "  ") for text in told]
+    blocks = [heading(table.name), "\n".join(lines), "\n".join(items)]
+    if table.missing is not None:
+        blocks.append(missing_block(table.missing))
+    return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def heading(name: str) -> str:
+    """What stands over a table in Markdown, also where nothing of it is there yet."""
+    text = TEXTS[name]
+    return f"## {text.title}\n\n{_wrapped(text.about)}\n\n    spin-eval table={name}"
+
+
+def missing_block(missing: Missing) -> str:
+    """What is missing, and the command that makes it, in Markdown."""
+    return f"{missing.text().capitalize()}:\n\n    {missing.command}"
+
+
+def _wrapped(text: str, indent: str = "") -> str:
+    return textwrap.fill(
+        text, _COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def csv_text(table: Table) -> str:
@@ -129,7 +157,8 @@ def csv_text(table: Table) -> str:
 def json_text(table: Table) -> str:
     """Format the whole table as JSON."""
     values = asdict(table) | {
-        "claims": [asdict(claim) | {"verdict": claim.verdict} for claim in table.claims]
+        "title": table.title,
+        "claims": [asdict(claim) | {"verdict": claim.verdict} for claim in table.claims],
     }
     return json.dumps(values, indent=2, allow_nan=False) + "\n"
 
@@ -141,18 +170,3 @@ FORMATS: dict[str, Callable[[Table], str]] = {
     ".txt": terminal,
 }
 """Ending of a file -> what is written into it."""
-
-
-def check_format(out: Path) -> None:
-    """Reject a file whose ending says nothing.
-
-    Raises:
-        ConfigError: It does not.
-    """
-    if out.suffix not in FORMATS:
-        raise ConfigError(f"out: a table is written to {', '.join(FORMATS)}, not to {out}")
-
-
-def write(table: Table, out: Path) -> None:
-    """Write a table in the format that the file's ending names."""
-    write_text(out, FORMATS[out.suffix](table))

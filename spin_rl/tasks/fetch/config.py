@@ -56,6 +56,8 @@ class FetchConfig(GraspConfig, CorridorConfig):
         episode_s: Longest episode [s]; the stages' limits end it before.
         pick_range_m: Depths that the pick policy sees as 0 and as 255 [m], if it was not trained with those
             of the depth filter.
+        tell_table: Whether scandots tell of the table too. Without it tokens are those of navigation, slot
+            for slot, as a policy needs that takes a fixed number of them.
         limits: Longest time in each stage.
         retries: Further attempts to pick as long as the object is on the table.
         home_tolerance_m: Distance at which the start is reached again [m]; unlike goals, starts can be where
@@ -69,6 +71,7 @@ class FetchConfig(GraspConfig, CorridorConfig):
 
     episode_s: float = 300.0
     pick_range_m: tuple[float, float] | None = None
+    tell_table: bool = True
     limits: StageLimits = field(default_factory=StageLimits)
     retries: int = 1
     home_tolerance_m: float = 0.35
@@ -89,6 +92,11 @@ class FetchConfig(GraspConfig, CorridorConfig):
                 raise ValueError(f"task.pick_range_m must be two depths, the nearer first, got {near}, {far}")
             if self.depth is None:
                 raise ValueError("task.pick_range_m changes nothing without depth images")
+        if not self.tell_table and self.sim.nearby < self.scene.pool.num_slots:
+            raise ValueError(
+                f"task.tell_table=false needs all slots in their order: sim.nearby must be at least "
+                f"{self.scene.pool.num_slots}, got {self.sim.nearby}"
+            )
         if self.retries < 0:
             raise ValueError(f"task.retries must not be negative, got {self.retries}")
         unknown = sorted(set(self.carry_moves) - set(CARRY_JOINTS))

@@ -112,7 +112,11 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             hold_steps=self._rules.hold_steps,
         )
         nav = NavObservations(sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m)
-        return FetchObservations(nav, pick, self.stage, self.depth, cfg.pick_range_m)
+        told = None
+        if not cfg.tell_table:
+            slots = [slot for slot in range(cfg.scene.pool.num_slots) if slot != cfg.scene.table_slot]
+            told = torch.tensor(slots, device=self.device)
+        return FetchObservations(nav, pick, self.stage, self.depth, cfg.pick_range_m, told)
 
     def _allocate(self, cfg: FetchConfig) -> None:
         n, sim, period = self.num_envs, self.sim, cfg.sim.control_period

@@ -6,7 +6,8 @@ hand_in_image  likewise, in the pick policy's range of depths
 stage  (num_envs, 1)  index into `state.STAGES`
 
 Each policy reads depths in the range that it was trained with: images are scaled for picking in that stage,
-for navigation in all others.
+for navigation in all others. Tokens of scandots are in the order of the slots; that of the table may be left
+out, after which they are those of navigation.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from spin_rl.tasks.common.depth import DepthImages
 from spin_rl.tasks.fetch.config import STAGES
 from spin_rl.tasks.nav.observations import NavObservations
 from spin_rl.tasks.pick.observations import PickObservations
+from spin_rl.warp_kernels.tokens import TOKEN_SIZE
 
 
 class FetchObservations:
@@ -30,6 +32,7 @@ class FetchObservations:
         stage: torch.Tensor,
         images: DepthImages | None = None,
         pick_range: tuple[float, float] | None = None,
+        told: torch.Tensor | None = None,
     ) -> None:
         """Keep the two; proprio and images come from `nav`.
 
@@ -39,7 +42,9 @@ class FetchObservations:
             stage: Stage of every world, a view, shape (num_envs,), int32.
             images: The images that `nav` observes, if there are any.
             pick_range: Depths that the pick policy sees as 0 and as 255 [m]; None for those of `nav`.
+            told: Slots that scandots tell of, shape (k,), int64; None for all.
         """
+        self._told = told
         self._nav, self._pick, self._stage = nav, pick, stage
         self._images, self._pick_range = images, pick_range
 
@@ -47,6 +52,10 @@ class FetchObservations:
         """Return new tensors of all groups."""
         groups = self._pick.compute()
         groups.update(self._nav.compute())
+        if self._told is not None:
+            for name in ("scandots", "scandots_all"):
+                tokens = groups[name].unflatten(-1, (-1, TOKEN_SIZE))
+                groups[name] = tokens.index_select(1, self._told).flatten(1)
         groups["stage"] = self._stage[:, None].float()
         if self._images is not None:
             groups["hand_in_image"] = self._images.locate(self._pick.grasp_centre, self._pick_range)

@@ -1,0 +1,57 @@
+"""What a stored result must hold to be one: files can be cut off, edited, or from an older version."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+_KEPT: Mapping[str, type | tuple[type, ...]] = {
+    "command": str,
+    "step": dict,
+    "commit": object,
+    "hardware": str,
+    "minutes": (float, int),
+    "trainings": list,
+    "result": dict,
+}
+"""What every stored result has; see `record.stored`."""
+_CELLS = ("success_rate", "episodes")
+_DRIVES = (*_CELLS, "scenario", "difficulty", "duration_s", "final_distance_m", "timeout_rate")
+_RESULTS: Mapping[str, tuple[str, ...]] = {"reach": ("seeds", "commit"), "fetch": ("overall", "pick")}
+"""Kind of results -> what tables read of one."""
+_ROWS: Mapping[str, tuple[str, ...]] = {
+    **{kind: _DRIVES for kind in ("reach", "map_none", "map_small", "map_large")},
+    "dynamic": (*_CELLS, "scene", "obstacles", "ci95", "collisions", "collisions_ci95"),
+    "fetch": (*_CELLS, "scenario", "difficulty", "place"),
+    "speed": ("name", "value", "baseline_value"),
+}
+"""Kind of results -> what tables read of each of its rows."""
+
+
+def lacking(name: str, stored: Any) -> str | None:
+    """Say what a stored result lacks; None where it has all that is read of it.
+
+    Args:
+        name: Of the result, such as `reach/cvo-1`.
+        stored: What its file holds.
+    """
+    kind = name.partition("/")[0]
+    if not isinstance(stored, Mapping):
+        return "everything"
+    for key, wanted in _KEPT.items():
+        if key not in stored or not isinstance(stored[key], wanted):
+            return key
+    result = stored["result"]
+    for key in _RESULTS.get(kind, ()):
+        if key not in result:
+            return f"result.{key}"
+    if kind not in _ROWS:
+        return None
+    rows = result.get("rows")
+    if not isinstance(rows, list) or not rows:
+        return "result.rows"
+    for number, row in enumerate(rows):
+        for key in _ROWS[kind]:
+            if not isinstance(row, Mapping) or key not in row:
+                return f"result.rows[{number}].{key}"
+    return None
