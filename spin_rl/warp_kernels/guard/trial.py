@@ -36,7 +36,7 @@ class Things:
     """What is near, in the base frame: arrays (nworld, k) as in `Thing`; ``count`` are set.
 
     ``gap`` is how far each hull is from it now, negative where they overlap [m]. ``reach`` is the distance
-    of its middle to the base's origin from which it hits nothing [m], 0 if it passes above or below all hulls.
+    of its middle to the base's origin from which it hits nothing [m], 0 if it is at the height of no hull.
     """
 
     place: wp.array2d[wp.vec3]
