@@ -33,8 +33,8 @@ wp.set_module_options({"enable_backward": False})
 class Things:
     """What is near, in the base frame: arrays (nworld, k) as in `Thing`; ``count`` are set.
 
-    ``hit`` has a bit for each hull that the thing cannot hit: it overlaps it already, or passes above or below.
-    ``reach`` is the distance of its middle to the base's origin from which it hits nothing [m].
+    ``hit`` has a bit for each hull that does not count: the thing overlaps it already, or is above or below.
+    ``reach`` is the distance of its middle to the base's origin from which it hits none of the others [m].
     """
 
     place: wp.array2d[wp.vec3]
