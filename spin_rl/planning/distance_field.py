@@ -118,8 +118,8 @@ class DistanceField:
                 reached from wherever the robot finds a way, and from more. With 0.16 m that agrees with the
                 lattice planner in 75 of 80 cluttered rooms (64 by default); with 0.25 m the planner found a
                 way wherever there is one here, and in 29 others.
-            beyond_m: With it, only ways are sought that, with the line from the cells `near` to where they
-                begin, are longer than from there by no more than so much; None finds all.
+            beyond_m: With it, only ways are sought that, with the straight line from the cells `near` to
+                their beginning, are longer than from there by no more than so much; None finds all.
 
         Raises:
             ValueError: `blocked_m` is less than the grid's or too many cells.

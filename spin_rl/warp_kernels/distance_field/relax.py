@@ -1,4 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false, reportIndexIssue=false
+# pyright: reportCallIssue=false, reportOperatorIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """One relaxation of a cell: the eikonal equation |grad T| = slowness with first-order upwind differences.
 

@@ -1,5 +1,6 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportIndexIssue=false
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportReturnType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Values of a distance field where the ways from around one cell lead, and not far beyond.
 
