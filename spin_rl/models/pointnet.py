@@ -46,7 +46,8 @@ class PointNet(nn.Module):
         A token is valid if any of its flags, its last eight numbers, is set.
         """
         valid = tokens[..., -NUM_FLAGS:].amax(dim=-1) > 0
-        if tokens.is_cuda:  # choosing the valid ones would need their number on the host
+        # Choosing the valid ones needs their number on the host, and ONNX has no maximum of segments.
+        if tokens.is_cuda or torch.compiler.is_exporting():
             per_token = self.mlp(tokens).masked_fill(~valid.unsqueeze(-1), -torch.inf)
             largest = per_token.max(dim=-2).values
         else:

@@ -96,7 +96,7 @@ def _move(world: int, dof: int, joints: Joints, action: wp.array2d[float], qpos:
 
 
 @wp.func
-def _soon(
+def hulls_soon(
     world: int,
     soon: Hulls,
     shapes: Shapes,
@@ -163,12 +163,13 @@ def _hold_arm(
         if things.count[world] == 0:
             return
         now = hulls_of(world, hull_low, hull_high)
-        soon = _soon(world, hulls_of(world, hull_low, hull_high), shapes, joints, bodies, action, qpos)
+        soon = hulls_soon(world, hulls_of(world, hull_low, hull_high), shapes, joints, bodies, action, qpos)
         if not _goes_in(world, now, soon, things):
             return
     for joint in range(_FIRST_HEAD):
         at = joint_position(world, joint, joints.joint, joints.share, qpos)
-        action[world, 2 + joint] = action_for(at, joints.low[joint], joints.stowed[joint], joints.high[joint])
+        hold = action_for(at, joints.low[joint], joints.stowed[joint], joints.high[joint])
+        action[world, 2 + joint] = wp.clamp(hold, -1.0, 1.0)  # a hair beyond a limit may be far beyond it
 
 
 def hold_arm(
