@@ -87,7 +87,7 @@ class Pilot:
         """
         bodies = self._kinematics.bodies(joints)
         camera = self._kinematics.sites(bodies)[robot.CAMERA_SITE]
-        points = camera.to_base(self._eye.points(depth))
+        points = camera.to_base(np.concatenate([self._eye.points(depth), self._eye.rims(depth)]))
         points = points[~self._body.pose(bodies).holds(points, _OWN_M)]
         here = _base_frame(base)
         camera = Frame(here.to_base(camera.pos), here.mat @ camera.mat)

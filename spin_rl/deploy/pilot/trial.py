@@ -1,7 +1,7 @@
 """Commands tried: the base drives them in thought, among what was seen; as `warp_kernels.guard` does.
 
-What a hull overlaps at the start already does not count for it: there the box says more than the robot is.
-Nothing is expected to move.
+What a hull is nearer to at the start than it should be, since the box says more than the robot is or the thing
+was seen late, it may leave but not come nearer to. Nothing is expected to move.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ _REACH_M = 1.6
 """Nothing farther from the base's origin is hit within the time that is looked ahead [m]."""
 _BRAKE_STEPS = 4
 """After these a base that brakes stands, nearly."""
+_NEARER_M = 1.0e-4
+"""A hull that is too near to a thing comes nearer to it when it does by so much; it may at every tick."""
 
 
 @dataclass(frozen=True)
@@ -107,19 +109,19 @@ class Trial:
         """
         self.drive, self._yaw = drive, float(base[2])
         self._middle = 0.5 * (hulls.low + hulls.high)[:, :2]
-        self._half = 0.5 * (hulls.high - hulls.low)[:, :2] + margin
-        self._margin = margin
+        self._half = 0.5 * (hulls.high - hulls.low)[:, :2].astype(np.float32)
         self._now = now
         cos, sin = math.cos(base[2]), math.sin(base[2])
         window = costmap.around(base[:2], _REACH_M)
         offset = window.middle - base[:2]
         middle = np.stack([offset @ (cos, sin), offset @ (-sin, cos)], -1)
         self._things = [self._gather(hull, hulls, window, middle) for hull in range(NUM_HULLS)]
+        self._keep = self._distances(margin)
 
     def without_margin(self) -> Trial:
         """Return the same among the same things, with nothing around the robot."""
         tight = copy.copy(self)
-        tight._half = self._half - self._margin
+        tight._keep = self._distances(0.0)
         return tight
 
     def start(self, count: int) -> Motion:
@@ -138,30 +140,41 @@ class Trial:
         for hull, things in enumerate(self._things):
             left = np.flatnonzero(~hit)
             if things.shape[1] and left.size:
-                overlaps = self._overlaps(poses[left].reshape(-1, 3), hull, things)
-                hit[left] = overlaps.reshape(len(left), -1).any(axis=-1)
+                gaps = self._gaps(poses[left].reshape(-1, 3), hull, things)
+                hit[left] = (gaps <= self._keep[hull]).reshape(len(left), -1).any(axis=-1)
         return hit
+
+    def _distances(self, margin: float) -> list[np.ndarray]:
+        """Return for every hull how near its things must not come [m]."""
+        here = np.zeros((1, 3))
+        gaps = (self._gaps(here, hull, things)[0] for hull, things in enumerate(self._things))
+        return [np.minimum(gap - _NEARER_M, margin) for gap in gaps]
 
     def _gather(self, hull: int, hulls: Hulls, window: Window, middle: np.ndarray) -> np.ndarray:
         """Collect what a hull may hit: x, y [m], 1, and half extents in the odometry's axes, (5, n)."""
         counts = (window.layers & layers_between(hulls.low[hull, 2], hulls.high[hull, 2])) > 0
-        at_start = self._overlaps(np.zeros((1, 3)), hull, _columns(counts, middle, window.half))
-        counts[counts] = ~at_start[0]
-        # Nothing gets to what has things on all sides without hitting these.
+        # Nothing gets to what has things on all sides without hitting these, if it is beside them at the start.
+        keeps = counts.copy()
+        keeps[counts] = (
+            self._gaps(np.zeros((1, 3)), hull, _columns(counts, middle, window.half))[0] > _NEARER_M
+        )
         is_edge = counts.copy()
-        is_edge[1:-1, 1:-1] &= ~(counts[:-2, 1:-1] & counts[2:, 1:-1] & counts[1:-1, :-2] & counts[1:-1, 2:])
+        is_edge[1:-1, 1:-1] &= ~(keeps[:-2, 1:-1] & keeps[2:, 1:-1] & keeps[1:-1, :-2] & keeps[1:-1, 2:])
         return _columns(is_edge, middle, window.half)
 
-    def _overlaps(self, poses: np.ndarray, hull: int, things: np.ndarray) -> np.ndarray:
-        """Return whether a hull at poses (m, 3) overlaps things (5, n), along its own axes, (m, n)."""
-        (x, y, yaw), middle, half = poses.T, self._middle[hull], self._half[hull].astype(np.float32)
+    def _gaps(self, poses: np.ndarray, hull: int, things: np.ndarray) -> np.ndarray:
+        """Return how far a hull at poses (m, 3) is from things (5, n), along its own axes, (m, n) [m].
+
+        It is negative where they overlap.
+        """
+        (x, y, yaw), middle, half = poses.T, self._middle[hull], self._half[hull]
         cos, sin = np.cos(yaw), np.sin(yaw)
         along = np.stack([cos, sin, -(cos * x + sin * y) - middle[0]], -1).astype(np.float32)
         aside = np.stack([-sin, cos, sin * x - cos * y - middle[1]], -1).astype(np.float32)
         yaw = yaw + self._yaw
         wide = np.abs(np.stack([np.cos(yaw), np.sin(yaw)], -1)).astype(np.float32)
-        hit = np.abs(along @ things[:3]) - wide @ things[3:] <= half[0]
-        return hit & (np.abs(aside @ things[:3]) - wide[:, ::-1] @ things[3:] <= half[1])
+        ahead = np.abs(along @ things[:3]) - wide @ things[3:] - half[0]
+        return np.maximum(ahead, np.abs(aside @ things[:3]) - wide[:, ::-1] @ things[3:] - half[1])
 
 
 def _columns(which: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
