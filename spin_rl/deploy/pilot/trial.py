@@ -1,7 +1,7 @@
 """Commands tried: the base drives them in thought, among what was seen; as `warp_kernels.guard` does.
 
-What a hull is nearer to at the start than it should be, since the box says more than the robot is or the thing
-was seen late, it may leave but not come nearer to. Nothing is expected to move.
+What a hull is too near to at the start, since the box says more than the robot is or the thing was seen late,
+it may leave but not come nearer to. Nothing is expected to move.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class Trial:
     def _gather(self, hull: int, hulls: Hulls, window: Window, middle: np.ndarray) -> np.ndarray:
         """Collect what a hull may hit: x, y [m], 1, and half extents in the odometry's axes, (5, n)."""
         counts = (window.layers & layers_between(hulls.low[hull, 2], hulls.high[hull, 2])) > 0
-        # Nothing gets to what has things on all sides without hitting these, if it is beside them at the start.
+        # Nothing gets to what has things on all sides without hitting these, if it is not in them already.
         keeps = counts.copy()
         keeps[counts] = (
             self._gaps(np.zeros((1, 3)), hull, _columns(counts, middle, window.half))[0] > _NEARER_M
