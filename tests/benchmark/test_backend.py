@@ -97,7 +97,7 @@ def test_what_cannot_be_paired_is_one_line(device):
         (PickConfig(detector="segmentation"), r"task\.detector: "),
         (
             NavConfig(guard=GuardConfig(enabled=True)),
-            r"task\.guard: is \{.*'margin_m': 0\.01.*\}, and None in the exported",
+            r"task\.guard: is \{.*'margin_m': 0\.03.*\}, and None in the exported",
         ),
         (NavConfig(noise=NavNoise(goal_m=0.1)), r"task\.noise\.goal_m: the other simulator measures exactly"),
         (NavConfig(), r"task\.dynamics\.base_lag_s: is \(0\.1, 0\.2\), and \(0\.15, 0\.15\) in the other"),

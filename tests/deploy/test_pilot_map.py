@@ -76,10 +76,44 @@ def test_cells_hold_what_was_seen_at_its_height(pilot):
     }
     assert near["low"].sum() > 15 and near["high"].sum() > 10
     assert (layers[near["low"]] & ~layers_between(0.0, 0.5 + LAYER_M) == 0).all()
-    assert (layers[near["high"]] & ~layers_between(0.75, 1.0 + LAYER_M) == 0).all()
+    hides = 0.62  # down to there what the front hides behind it
+    assert (layers[near["high"]] & ~layers_between(hides, 1.0 + LAYER_M) == 0).all()
     walls = np.abs(middle[:, 0] - 3.0) < 0.02
     tall = np.bitwise_or.reduce(layers[walls])
     assert tall >> 4 == layers_between(0.0, CEILING_M) >> 4
+
+
+def test_a_wall_that_was_seen_above_stands_on_the_floor(pilot):
+    """Level, the camera sees it from 0.4 m up; a shelf that it sees beneath hangs."""
+    wall, shelf = ((0.95, -1.0, 0.0), (1.0, 1.0, 1.5)), ((1.8, -0.7, 1.0), (2.0, 0.7, 1.2))
+    for box, standing in ((wall, layers_between(0.17, 1.4)), (shelf, 0)):
+        pilot.reset(START, GOAL)
+        look(pilot, [box], START, pans=(0.0,), tilts=(0.0,))
+        layers = occupied(pilot)[1]
+        assert (
+            len(layers) > 10
+            and (layers & layers_between(0.0, 0.8) == standing & layers_between(0.0, 0.8)).all()
+        )
+
+
+def test_edges_are_half_a_pixel_beyond_what_shows_them():
+    eye, camera = Eye(contract().camera), camera_at(stowed(0.0, -0.6), START)
+    pixel = 2.0 * np.tan(np.radians(29.0)) / 58
+    rims, points = (camera.to_base(of(picture([BOX], camera))) for of in (eye.rims, eye.points))
+    front = [some[(np.abs(some[:, 0] - 1.0) < 0.02) & (some[:, 2] > 0.03)] for some in (rims, points)]
+    depth = 1.3
+    for side in (-1.0, 1.0):
+        shown, told = (max(side * some[:, 1]) for some in (front[1], front[0]))
+        assert shown < 0.3 and told - shown == pytest.approx(0.5 * pixel * depth, abs=0.004)
+        assert abs(told - 0.3) <= 0.5 * pixel * depth
+
+
+@pytest.mark.parametrize(("pan", "tilt"), [(0.0, -0.3), (0.6, -0.8), (-0.5, 0.0)])
+def test_a_plane_has_no_edges(pan, tilt):
+    walls = [((-9.0, 0.5, 0.0), (90.0, 0.6, 30.0)), ((-9.0, -0.7, 0.0), (90.0, -0.5, 30.0))]
+    eye, camera = Eye(contract().camera), camera_at(stowed(pan, tilt), START)
+    rims = eye.rims(picture(walls, camera))
+    assert len(rims) < 5, camera.to_base(rims)
 
 
 def test_what_moves_away_is_gone_once_seen_through_and_what_stands_stays(pilot):

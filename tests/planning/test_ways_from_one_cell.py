@@ -47,10 +47,12 @@ def test_the_ways_from_around_a_cell_are_known(device):
     near = np.array([to_cell(scene.start[:2]) for scene in SCENES])
     every, some = Fields(SCENES, device).solve(near)
     assert (own(every, near) < UNREACHABLE).sum() > 10
-    needed = lengths_through(every, near) < own(every, near)[:, None, None] + BEYOND_M - 0.5
+    # What is blocked gets its value from the side that is reached first.
+    passable = np.array([distance(scene, centres(ROOM)) >= ROOM.blocked_m for scene in SCENES])
+    needed = passable & (lengths_through(every, near) < own(every, near)[:, None, None] + BEYOND_M - 0.5)
     assert needed.sum() > 1000
     np.testing.assert_allclose(some[needed], every[needed], atol=0.02)
-    assert (some > every - 0.02).all()
+    assert (some > every - 0.02)[passable].all()
     far = lengths_through(every, near) > own(every, near)[:, None, None] + BEYOND_M + 2.5
     assert (some[far & (every < UNREACHABLE)] == UNREACHABLE).mean() > 0.5
 

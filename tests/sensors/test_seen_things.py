@@ -162,6 +162,9 @@ def test_all_that_is_remembered_is_recalled_as_slots(place):
     recall_all(everywhere, place.seen.memory, place.seen.obstacles, slots)
     assert not known.active.numpy().any()
     place.see((-0.4, -0.1, -0.5), (0.0, 0.1, 0.3))
+    first = wp.array([True, False, False], dtype=wp.bool, device=place.device)
+    recall_all(first, place.seen.memory, place.seen.obstacles, slots)
+    assert known.active.numpy()[:, 0].tolist() == [True, False, False]
     recall_all(everywhere, place.seen.memory, place.seen.obstacles, slots)
     assert known.active.numpy().all()
     np.testing.assert_allclose(known.half_size.numpy()[0, 0], (0.2, 0.1, 0.4), atol=1e-5)

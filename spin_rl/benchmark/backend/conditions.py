@@ -67,7 +67,10 @@ def _pairs(agent: Agent | FetchAgent, cfg: Config) -> dict[str, tuple[Any, Any]]
         pairs["task.scandots"] = asdict(cfg.scandots), asdict(contract.scandots)
     if isinstance(cfg, NavConfig):
         pairs["task.goal_tolerance_m"] = cfg.goal_tolerance_m, None if told is None else told.tolerance_m
-        pairs["task.guard"] = _if_enabled(cfg.guard), _if_enabled(contract.guard)
+        guard = _if_enabled(cfg.guard)
+        if guard is not None:
+            del guard["foresee_s"]  # the pilot does not expect things to go on moving
+        pairs["task.guard"] = guard, _if_enabled(contract.guard)
         pairs["task.planner"] = _if_enabled(cfg.planner), _if_enabled(contract.planner)
     elif isinstance(agent, FetchAgent):
         asked = asdict(cfg)

@@ -1,7 +1,8 @@
 """What a depth camera has seen of the surroundings: a grid in the frame of the odometry, with heights.
 
-A cell knows in which layers something was seen in it, and the box around the points that were. What a later
-image sees through is gone; so is what was not seen for long, sooner where the floor was seen shortly before.
+A cell knows in which layers something was seen in it, and the box around the points that were. What is below
+the first of them counts as well, but where an image sees through: most things stand. What a later image sees
+through is gone; so is what was not seen for long, sooner where the floor was seen shortly before.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ _CAME_S, _STAYS_S = 3.0, 2.0
 """The floor was seen so shortly before what came there; what is seen there so long after that stays."""
 _LOW_M, _SPREAD_M = 0.09, 0.015
 """What is lower is gone where the floor is seen so near to what was seen of it."""
+_STANDS_M = 0.15
+"""What stands is not taken to reach lower: so near to the floor nothing is seen through from far."""
 _FORGET_EVERY = 10
 _ROOM_M, _STEP_M = 2.0, 1.0
 """A place is never so near to the map's edge; by how much more the map moves then."""
@@ -36,6 +39,12 @@ def layers_between(low: float, high: float) -> np.uint32:
     """Return the bits of the layers that a span of heights [m] is in."""
     first, last = (int(np.clip(height / LAYER_M, 0, len(_LAYERS) - 1)) for height in (low, high))
     return np.uint32((1 << last + 1) - (1 << first))
+
+
+def _bits(layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return of every bit in an array which number it is in, and the layer, each of shape (bits,)."""
+    which, layer = np.nonzero(layers[:, None] >> _LAYERS & np.uint32(1))
+    return which, layer.astype(np.uint32)
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,8 @@ class Costmap:
         self._tick += 1
         self._go_along(camera.pos[:2])
         self._clear(eye, depth, camera)
-        self._mark(points)
+        new = self._mark(points)
+        self._stand(new, eye, depth, camera)
         if self._tick % _FORGET_EVERY == 0:
             self._forget()
 
@@ -150,7 +160,8 @@ class Costmap:
         )
         return slice(first, last + 1)
 
-    def _mark(self, points: np.ndarray) -> None:
+    def _mark(self, points: np.ndarray) -> np.ndarray:
+        """Take in points; return the cells in which nothing was before."""
         at = np.floor((points[:, :2] - self._origin) / self._cell).astype(int)
         inside = ((at >= 0) & (at < self._side)).all(-1) & (points[:, 2] < CEILING_M)
         cells, points = (at[:, 0] + self._side * at[:, 1])[inside], points[inside]
@@ -170,6 +181,15 @@ class Costmap:
             np.maximum.at(self._high[axis], seen, things[:, axis])
         self._seen_at[seen] = self._tick
         self._floor_at[cells[is_floor]] = self._tick
+        return np.unique(new)
+
+    def _stand(self, cells: np.ndarray, eye: Eye, depth: np.ndarray, camera: Frame) -> None:
+        """Let what was seen in cells reach down to near the floor, but where the image sees through."""
+        layers = self._layers[cells]
+        lowest = layers & (~layers + np.uint32(1))
+        which, layer = _bits((lowest - np.uint32(1)) & ~layers_between(0.0, _STANDS_M - 0.5 * LAYER_M))
+        stands = ~eye.sees_through(self._points(cells[which], layer), depth, camera)
+        np.bitwise_or.at(self._layers, cells[which[stands]], np.uint32(1) << layer[stands])
 
     def _clear_floor(self, cells: np.ndarray, points: np.ndarray) -> None:
         """Take away what stood low where the floor is seen now: there is no depth to see through it."""
@@ -183,13 +203,16 @@ class Costmap:
         rows, columns = self._span(camera.pos[1], 1, FAR_M), self._span(camera.pos[0], 0, FAR_M)
         row, column = np.nonzero(self._layers.reshape(self._side, self._side)[rows, columns])
         cells = (row + rows.start) * self._side + column + columns.start
-        which, layer = np.nonzero(self._layers[cells, None] >> _LAYERS & np.uint32(1))
-        cells = cells[which]
-        middle = 0.5 * (self._low[:, cells] + self._high[:, cells])
-        gone = eye.sees_through(np.stack([*middle, (layer + 0.5) * LAYER_M], -1), depth, camera)
-        cells = cells[gone]
-        np.bitwise_and.at(self._layers, cells, ~(np.uint32(1) << layer[gone].astype(np.uint32)))
+        which, layer = _bits(self._layers[cells])
+        gone = eye.sees_through(self._points(cells[which], layer), depth, camera)
+        cells = cells[which[gone]]
+        np.bitwise_and.at(self._layers, cells, ~(np.uint32(1) << layer[gone]))
         self._empty(cells[self._layers[cells] == 0])
+
+    def _points(self, cells: np.ndarray, layer: np.ndarray) -> np.ndarray:
+        """Return the middles of layers of cells, each of shape (n,), in the frame of the odometry, (n, 3)."""
+        middle = 0.5 * (self._low[:, cells] + self._high[:, cells])
+        return np.stack([*middle, (layer + 0.5) * LAYER_M], -1)
 
     def _forget(self) -> None:
         most = np.where(self._moves, min(self._moving, self._memory), self._memory)

@@ -30,6 +30,25 @@ class Eye:
         seen = (depth > NEAR_M) & (depth < FAR_M)
         return depth[seen, None] * self._rays[seen]
 
+    def rims(self, depth: np.ndarray) -> np.ndarray:
+        """Return points half a pixel beside the edges of what an image [m] shows, shape (n, 3).
+
+        A thing ends somewhere between the last pixel that shows it and the next one in its row.
+        """
+        seen = (depth > NEAR_M) & (depth < FAR_M)
+        inverse = np.where(depth > NEAR_M, 1.0 / np.maximum(depth, NEAR_M), 0.0)
+        points = []
+        for side in (1, -1):
+            here, before, beside = (np.roll(inverse, shift, axis=1) for shift in (0, side, -side))
+            # A plane goes on so: inverse depths are linear in the pixels.
+            goes_on = 2.0 * here - before
+            ends = seen & (goes_on > 0.0) & (beside * (1.0 + _SLACK_PER_M + _SLACK_M * goes_on) < goes_on)
+            ends[:, [0, -1]] = False
+            rays = self._rays[ends]
+            rays[:, 1] -= side * 0.5 / self._focal[1]
+            points.append(depth[ends, None] * rays)
+        return np.concatenate(points)
+
     def sees_through(self, points: np.ndarray, depth: np.ndarray, camera: Frame) -> np.ndarray:
         """Return which points an image shows to be in free air: all pixels around them see what is behind.
 

@@ -11,6 +11,7 @@ from spin_rl.config import ConfigError
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.interface import RobotState
 from spin_rl.deploy.kinematics import Frame, Kinematics
+from spin_rl.deploy.pilot.arm import ArmMotion
 from spin_rl.deploy.pilot.body import Body
 from spin_rl.deploy.pilot.costmap import Costmap
 from spin_rl.deploy.pilot.eye import Eye
@@ -53,6 +54,7 @@ class Pilot:
         for shape in contract.shapes:
             if shape.body not in bodies:
                 raise ConfigError(f"{contract.name}: shapes: the robot has no body {shape.body!r}")
+        self._arm = ArmMotion(contract, self._body, self._kinematics)
         self._drive = Drive.of(contract, speed_scale)
         self._steps = max(round(self._guard.look_ahead_s / contract.period_s), 1)
         self.route: Route | None = None
@@ -87,7 +89,7 @@ class Pilot:
         """
         bodies = self._kinematics.bodies(joints)
         camera = self._kinematics.sites(bodies)[robot.CAMERA_SITE]
-        points = camera.to_base(self._eye.points(depth))
+        points = camera.to_base(np.concatenate([self._eye.points(depth), self._eye.rims(depth)]))
         points = points[~self._body.pose(bodies).holds(points, _OWN_M)]
         here = _base_frame(base)
         camera = Frame(here.to_base(camera.pos), here.mat @ camera.mat)
@@ -100,7 +102,7 @@ class Pilot:
         return self._goal if self.route is None else self.route.subgoal(base[:2])
 
     def steer(self, action: np.ndarray, state: RobotState) -> np.ndarray:
-        """Return an action, shape (10,), in which the base hits nothing that was seen.
+        """Return an action, shape (10,), in which base and arm hit nothing that was seen.
 
         Where the robot is stuck the pilot drives by itself. The arm keeps still then, since the policy does
         not know of it.
@@ -110,6 +112,8 @@ class Pilot:
         trial = Trial(self.costmap, hulls, base, state.base_velocity, self._drive, margin)
         asked = self._drive.command_of(action[:2])
         command = filtered(asked, self._steps, trial)
+        if trial.arm_goes_in(self._arm.soon(hulls, state.joints, action)):
+            action = _with_arm_at(state.joints, action)
         self.is_guarded = command is not asked
         if self.route is not None and self._recovery is not None:
             way_out = self._recovery.update(base, self.is_guarded, trial, self.route.field)

@@ -10,6 +10,7 @@ from spin_rl.config import POSITIVE, Range
 Positive = Annotated[float, POSITIVE]
 NUM_HULLS = 4
 """Base; mast and head; arm; wrist and gripper."""
+FIRST_ARM_HULL = 2
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Commands tried: the base drives them in thought, among what was seen; as `warp_kernels.guard` does.
 
-What a hull overlaps at the start already does not count for it: there the box says more than the robot is.
-Nothing is expected to move.
+What a hull is too near to at the start, since the box says more than the robot is or the thing was seen late,
+it may leave but not come nearer to. Nothing is expected to move.
 """
 
 from __future__ import annotations
@@ -14,13 +14,19 @@ import numpy as np
 
 from spin_rl.deploy.contract import Contract
 from spin_rl.deploy.pilot.body import Hulls
-from spin_rl.deploy.pilot.costmap import Costmap, Window, layers_between
-from spin_rl.deploy.pilot.settings import NUM_HULLS
+from spin_rl.deploy.pilot.costmap import Costmap, layers_between
+from spin_rl.deploy.pilot.settings import FIRST_ARM_HULL, NUM_HULLS
 
 _REACH_M = 1.6
 """Nothing farther from the base's origin is hit within the time that is looked ahead [m]."""
 _BRAKE_STEPS = 4
 """After these a base that brakes stands, nearly."""
+_NEARER_M = 1.0e-4
+"""A hull that is too near to a thing comes nearer to it when it does by so much; it may at every tick."""
+_ARM_NEAR_M = 0.01
+"""Distance that counts as a hit of the arm's own motion [m]."""
+_DEEPER_M = 0.002
+"""What the arm is in already it goes deeper into when it does by so much [m]."""
 
 
 @dataclass(frozen=True)
@@ -106,20 +112,19 @@ class Trial:
             margin: Distance that counts as a hit [m].
         """
         self.drive, self._yaw = drive, float(base[2])
-        self._middle = 0.5 * (hulls.low + hulls.high)[:, :2]
-        self._half = 0.5 * (hulls.high - hulls.low)[:, :2] + margin
-        self._margin = margin
+        self._set_hulls(hulls)
         self._now = now
         cos, sin = math.cos(base[2]), math.sin(base[2])
-        window = costmap.around(base[:2], _REACH_M)
-        offset = window.middle - base[:2]
-        middle = np.stack([offset @ (cos, sin), offset @ (-sin, cos)], -1)
-        self._things = [self._gather(hull, hulls, window, middle) for hull in range(NUM_HULLS)]
+        self._hulls, self._window = hulls, costmap.around(base[:2], _REACH_M)
+        offset = self._window.middle - base[:2]
+        self._at = np.stack([offset @ (cos, sin), offset @ (-sin, cos)], -1)
+        self._things = [self._gather(hull) for hull in range(NUM_HULLS)]
+        self._keep = self._distances(margin)
 
     def without_margin(self) -> Trial:
         """Return the same among the same things, with nothing around the robot."""
         tight = copy.copy(self)
-        tight._half = self._half - self._margin
+        tight._keep = self._distances(0.0)
         return tight
 
     def start(self, count: int) -> Motion:
@@ -138,30 +143,61 @@ class Trial:
         for hull, things in enumerate(self._things):
             left = np.flatnonzero(~hit)
             if things.shape[1] and left.size:
-                overlaps = self._overlaps(poses[left].reshape(-1, 3), hull, things)
-                hit[left] = overlaps.reshape(len(left), -1).any(axis=-1)
+                gaps = self._gaps(poses[left].reshape(-1, 3), hull, things)
+                hit[left] = (gaps <= self._keep[hull]).reshape(len(left), -1).any(axis=-1)
         return hit
 
-    def _gather(self, hull: int, hulls: Hulls, window: Window, middle: np.ndarray) -> np.ndarray:
-        """Collect what a hull may hit: x, y [m], 1, and half extents in the odometry's axes, (5, n)."""
-        counts = (window.layers & layers_between(hulls.low[hull, 2], hulls.high[hull, 2])) > 0
-        at_start = self._overlaps(np.zeros((1, 3)), hull, _columns(counts, middle, window.half))
-        counts[counts] = ~at_start[0]
-        # Nothing gets to what has things on all sides without hitting these.
-        is_edge = counts.copy()
-        is_edge[1:-1, 1:-1] &= ~(counts[:-2, 1:-1] & counts[2:, 1:-1] & counts[1:-1, :-2] & counts[1:-1, 2:])
-        return _columns(is_edge, middle, window.half)
+    def arm_goes_in(self, soon: Hulls) -> bool:
+        """Return whether the arm touches what it does not now, or goes deeper, with other hulls."""
+        then = copy.copy(self)
+        then._set_hulls(soon)
+        here, layers = np.zeros((1, 3)), self._window.layers
+        for hull in range(FIRST_ARM_HULL, NUM_HULLS):
+            counts = (layers & _levels(soon, hull)) > 0
+            things = _columns(counts, self._at, self._window.half)
+            is_level = (layers[counts] & _levels(self._hulls, hull)) > 0
+            gap = np.where(is_level, self._gaps(here, hull, things)[0] - _DEEPER_M, _ARM_NEAR_M)
+            if (then._gaps(here, hull, things)[0] < np.minimum(gap, _ARM_NEAR_M)).any():
+                return True
+        return False
 
-    def _overlaps(self, poses: np.ndarray, hull: int, things: np.ndarray) -> np.ndarray:
-        """Return whether a hull at poses (m, 3) overlaps things (5, n), along its own axes, (m, n)."""
-        (x, y, yaw), middle, half = poses.T, self._middle[hull], self._half[hull].astype(np.float32)
+    def _set_hulls(self, hulls: Hulls) -> None:
+        self._middle = 0.5 * (hulls.low + hulls.high)[:, :2]
+        self._half = 0.5 * (hulls.high - hulls.low)[:, :2].astype(np.float32)
+
+    def _distances(self, margin: float) -> list[np.ndarray]:
+        """Return for every hull how near its things must not come [m]."""
+        here = np.zeros((1, 3))
+        gaps = (self._gaps(here, hull, things)[0] for hull, things in enumerate(self._things))
+        return [np.minimum(gap - _NEARER_M, margin) for gap in gaps]
+
+    def _gather(self, hull: int) -> np.ndarray:
+        """Collect what a hull may hit: x, y [m], 1, and half extents in the odometry's axes, (5, n)."""
+        half, counts = self._window.half, (self._window.layers & _levels(self._hulls, hull)) > 0
+        # Nothing gets to what has things on all sides without hitting these, if it is not in them already.
+        keeps = counts.copy()
+        keeps[counts] = self._gaps(np.zeros((1, 3)), hull, _columns(counts, self._at, half))[0] > _NEARER_M
+        is_edge = counts.copy()
+        is_edge[1:-1, 1:-1] &= ~(keeps[:-2, 1:-1] & keeps[2:, 1:-1] & keeps[1:-1, :-2] & keeps[1:-1, 2:])
+        return _columns(is_edge, self._at, half)
+
+    def _gaps(self, poses: np.ndarray, hull: int, things: np.ndarray) -> np.ndarray:
+        """Return how far a hull at poses (m, 3) is from things (5, n), along its own axes, (m, n) [m].
+
+        It is negative where they overlap.
+        """
+        (x, y, yaw), middle, half = poses.T, self._middle[hull], self._half[hull]
         cos, sin = np.cos(yaw), np.sin(yaw)
         along = np.stack([cos, sin, -(cos * x + sin * y) - middle[0]], -1).astype(np.float32)
         aside = np.stack([-sin, cos, sin * x - cos * y - middle[1]], -1).astype(np.float32)
         yaw = yaw + self._yaw
         wide = np.abs(np.stack([np.cos(yaw), np.sin(yaw)], -1)).astype(np.float32)
-        hit = np.abs(along @ things[:3]) - wide @ things[3:] <= half[0]
-        return hit & (np.abs(aside @ things[:3]) - wide[:, ::-1] @ things[3:] <= half[1])
+        ahead = np.abs(along @ things[:3]) - wide @ things[3:] - half[0]
+        return np.maximum(ahead, np.abs(aside @ things[:3]) - wide[:, ::-1] @ things[3:] - half[1])
+
+
+def _levels(hulls: Hulls, hull: int) -> np.uint32:
+    return layers_between(hulls.low[hull, 2], hulls.high[hull, 2])
 
 
 def _columns(which: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:

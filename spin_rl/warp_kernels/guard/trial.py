@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportInvalidTypeForm=false
-# pyright: reportAttributeAccessIssue=false
+# pyright: reportAttributeAccessIssue=false, reportReturnType=false
 # pyright: reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false, reportArgumentType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Commands tried: the base drives them in thought, among what is remembered.
