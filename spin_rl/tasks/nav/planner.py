@@ -19,7 +19,7 @@ from spin_rl.warp_kernels.distance_field.subgoal import look_ahead
 from spin_rl.warp_kernels.memory import recall_all
 from spin_rl.warp_kernels.slots import Slots
 
-_BEYOND_M = 2.0
+_BEYOND_M = 1.5
 """Ways from around the robot are known where they, with the straight line to their beginning, are longer than
 its own by no more than so much."""
 
