@@ -150,11 +150,15 @@ def write_geoms(layout: Layout, geom_ids: wp.array, geoms: Geoms, mask: wp.array
     )
 
 
-def write_near_geoms(layout: Layout, box_ids: wp.array, cylinder_ids: wp.array, geoms: Geoms) -> None:
+def write_near_geoms(
+    layout: Layout, distance: wp.array, within: float, box_ids: wp.array, cylinder_ids: wp.array, geoms: Geoms
+) -> None:
     """Write the slots `layout.nearby` of all worlds into the geoms that follow the robot; graph-safe.
 
     Args:
         layout: Scenes to write.
+        distance: Of these slots from the robot [m], shape (nworld, k).
+        within: Slots that are farther are left out [m].
         box_ids: Geoms of the boxes, as many as there may be nearby, shape (n,), int32.
         cylinder_ids: Geoms of the cylinders, likewise.
         geoms: Output; those that no slot takes are parked.
@@ -162,7 +166,7 @@ def write_near_geoms(layout: Layout, box_ids: wp.array, cylinder_ids: wp.array, 
     wp.launch(
         _write_near_geoms,
         dim=layout.nworld,
-        inputs=[slots_of(layout), layout.nearby, box_ids, cylinder_ids],
+        inputs=[slots_of(layout), layout.nearby, distance, within, box_ids, cylinder_ids],
         outputs=[geoms],
         device=layout.device,
     )
@@ -210,6 +214,8 @@ def _write_near_geoms(
     # In
     slots: Slots,
     nearby: wp.array2d(dtype=wp.int32),
+    distance: wp.array2d(dtype=float),
+    within: float,
     box_ids: wp.array(dtype=wp.int32),
     cylinder_ids: wp.array(dtype=wp.int32),
     # Out
@@ -220,7 +226,7 @@ def _write_near_geoms(
     cylinders = int(0)
     for k in range(nearby.shape[1]):
         slot = nearby[world, k]
-        if slot >= 0:
+        if slot >= 0 and distance[world, k] <= within:
             geom = int(0)
             if slots.is_cylinder[slot]:
                 geom = cylinder_ids[cylinders]

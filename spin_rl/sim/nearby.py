@@ -8,7 +8,11 @@ import warp as wp
 
 from spin_rl.scenes.builder import geoms_of, near_geom_names, write_near_geoms
 from spin_rl.scenes.layout import Layout
-from spin_rl.warp_kernels.nearby import find_nearby
+from spin_rl.warp_kernels.nearby import REACH_M, find_nearby
+
+_COMING_M = 0.3
+"""What a robot and a thing drive towards each other in a control step, and more [m]."""
+_FAR_M = 1.0e6
 
 
 class Nearby:
@@ -19,7 +23,15 @@ class Nearby:
             since it was last cleared, shape (1,), int32.
     """
 
-    def __init__(self, layout: Layout, mj_model: mujoco.MjModel, model: mjw.Model, data: mjw.Data) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        mj_model: mujoco.MjModel,
+        model: mjw.Model,
+        data: mjw.Data,
+        *,
+        robot_alone: bool,
+    ) -> None:
         """Allocate the list's distances and find the geoms.
 
         Args:
@@ -27,8 +39,10 @@ class Nearby:
             mj_model: The model with `builder.add_pool(..., nearby)`.
             model: Its batched form.
             data: The batched state.
+            robot_alone: Nothing but the robot moves by physics: what is out of its reach need not be there.
         """
         self._layout = layout
+        self._within = float(REACH_M) + _COMING_M if robot_alone else _FAR_M
         self._data = data
         self._geoms = geoms_of(model, data)
         with wp.ScopedDevice(layout.device):
@@ -56,5 +70,7 @@ class Nearby:
         self.write()
 
     def write(self) -> None:
-        """Move the geoms to where the listed slots are now; graph-safe."""
-        write_near_geoms(self._layout, self._boxes, self._cylinders, self._geoms)
+        """Move the geoms to where the listed slots are now that may be touched; graph-safe."""
+        write_near_geoms(
+            self._layout, self._distance, self._within, self._boxes, self._cylinders, self._geoms
+        )

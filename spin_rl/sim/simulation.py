@@ -173,7 +173,10 @@ class Simulation:
             # Everything that belongs to the world body: the floor and the scene pool.
             self._geom_is_scene = wp.array(self.mj_model.geom_bodyid == 0, dtype=bool)
             follows = config.nearby < pool.num_slots
-            self.nearby = Nearby(self.layout, self.mj_model, self.model, self.data) if follows else None
+            self.nearby = None
+            if follows:
+                alone = manipulation is None
+                self.nearby = Nearby(self.layout, self.mj_model, self.model, self.data, robot_alone=alone)
             self.limits = drive_module.DriveLimits.create(profile, device)
         self._manipulation = None
         self.increments = make_increments(IncrementConfig(), config.control_period, device)

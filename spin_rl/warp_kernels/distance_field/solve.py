@@ -95,45 +95,68 @@ def _spread(
 
 
 @wp.func
-def _settled(field: Field, kinds: wp.array3d[int], world: int, row: int, column: int, ring: int) -> float:
+def _settled(cell: int, ring: int, value: wp.array[float], kind: wp.array[int]) -> float:
     """Value of a cell that was reached, or extended to in an earlier ring; `UNREACHABLE` for others."""
-    flags = kinds[world, row, column]
+    flags = kind[cell]
     if (flags & REACHED) != 0 or (flags >= _EXTENDED and flags < _EXTENDED + ring):
-        return field.values[world, row, column]
+        return value[cell]
     return UNREACHABLE
+
+
+@wp.func
+def _extends_to(
+    cell: int, ring: int, columns: int, side: float, value: wp.array[float], kind: wp.array[int]
+) -> bool:
+    """Give a cell a value if it is blocked, has none and is beside a settled one; say whether it got one."""
+    if kind[cell] != BLOCKED:  # or reached, or extended to
+        return False
+    a = wp.min(_settled(cell - 1, ring, value, kind), _settled(cell + 1, ring, value, kind))
+    b = wp.min(_settled(cell - columns, ring, value, kind), _settled(cell + columns, ring, value, kind))
+    if wp.min(a, b) >= UNREACHABLE:
+        return False
+    value[cell] = upwind(a, b, SLOWNESS * side)
+    kind[cell] = _EXTENDED + ring
+    return True
 
 
 @wp.kernel
 def _extend(
     mask: wp.array[wp.bool],
+    columns: int,
+    side: float,
     box: wp.array[wp.vec4i],
-    ring: int,
-    lanes: int,
-    # Out
-    field: Field,
-    kinds: wp.array3d[int],
+    rings: int,
+    values: wp.array2d[float],
+    kinds: wp.array2d[int],
+    queues: wp.array2d[int],
 ):
-    """Give blocked cells beside settled ones a value: the robot's own point may be there."""
-    world, lane = wp.tid()
+    """Give blocked cells beside settled ones a value, ring by ring: the robot's own point may be there."""
+    world = wp.tid()
     if not mask[world]:
         return
+    value = values[world]
+    kind = kinds[world]
+    queue = queues[world]
     around = box[world]
-    last_row = wp.min(-around[3], field.values.shape[1] - 2)
-    last_column = wp.min(-around[2], field.values.shape[2] - 2)
-    for row in range(wp.max(around[1], 1) + lane, last_row + 1, lanes):
+    last_row = wp.min(-around[3], queue.shape[0] // columns - 2)
+    last_column = wp.min(-around[2], columns - 2)
+    count = int(0)
+    for row in range(wp.max(around[1], 1), last_row + 1):
         for column in range(wp.max(around[0], 1), last_column + 1):
-            if kinds[world, row, column] == BLOCKED:  # and neither reached nor extended to
-                a = wp.min(
-                    _settled(field, kinds, world, row, column - 1, ring),
-                    _settled(field, kinds, world, row, column + 1, ring),
-                )
-                b = wp.min(
-                    _settled(field, kinds, world, row - 1, column, ring),
-                    _settled(field, kinds, world, row + 1, column, ring),
-                )
-                if wp.min(a, b) < UNREACHABLE:
-                    field.values[world, row, column] = upwind(a, b, SLOWNESS * field.cell)
-                    kinds[world, row, column] = _EXTENDED + ring
+            if _extends_to(row * columns + column, 0, columns, side, value, kind):
+                queue[count] = row * columns + column
+                count += 1
+    first = int(0)
+    for ring in range(1, rings):
+        last = count
+        for i in range(first, last):
+            for k in range(4):
+                step = wp.where(k < 2, 1, columns)
+                cell = queue[i] + wp.where(k % 2 == 0, step, -step)
+                if _extends_to(cell, ring, columns, side, value, kind):
+                    queue[count] = cell
+                    count += 1
+        first = last
 
 
 def spread_values(
@@ -159,29 +182,16 @@ def spread_values(
         near: Likewise.
         beyond: Likewise.
     """
-    nworld, columns = kinds.shape[0], kinds.shape[2]
-    lanes = _CUDA_LANES if wp.get_device(str(mask.device)).is_cuda else 1
+    columns = kinds.shape[2]
+    flat = (field.values.reshape(queue.shape), kinds.reshape(queue.shape), queue)
+    launch = {"dim": queue.shape[0], "device": mask.device}
     if near.shape[0] == 0:
-        flat = queue.shape
-        wp.launch(
-            _spread,
-            dim=nworld,
-            inputs=[mask, columns, field.cell, field.values.reshape(flat), kinds.reshape(flat), queue],
-            outputs=[box],
-            device=mask.device,
-        )
+        wp.launch(_spread, inputs=[mask, columns, field.cell, *flat], outputs=[box], **launch)
     else:
         spread_toward(
             mask, field, kinds=kinds, queue=queue, near=near, beyond=beyond, rings=rings, box_out=box
         )
-    for ring in range(rings):
-        wp.launch(
-            _extend,
-            dim=(nworld, lanes),
-            inputs=[mask, box, ring, lanes],
-            outputs=[field, kinds],
-            device=mask.device,
-        )
+    wp.launch(_extend, inputs=[mask, columns, field.cell, box, rings, *flat], **launch)
 
 
 def solve_distance_field(

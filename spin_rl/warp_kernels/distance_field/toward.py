@@ -80,10 +80,11 @@ def _next_band(
     for i in range(late):
         cell = queue[size - 1 - i]
         lowest = wp.min(lowest, _key(value[cell], _place(cell, columns), to, side))
-    threshold = lowest + _BAND * side
+    enough = _value_near(to[1] * columns + to[0], columns, value, kind) + beyond
+    threshold = wp.min(lowest + _BAND * side, enough)
     moved = int(0)
     kept = int(0)
-    if _value_near(to[1] * columns + to[0], columns, value, kind) + beyond >= lowest:
+    if enough >= lowest:
         for i in range(late):
             cell = queue[size - 1 - i]
             if _key(value[cell], _place(cell, columns), to, side) <= threshold:
