@@ -1,4 +1,4 @@
-"""The guard's part for the arm: where it foresees the arm, and what the policy is told when the arm stands."""
+"""The guard's part for the arm: where it foresees it, and what the policy is told when it stands."""
 
 import numpy as np
 import pytest
