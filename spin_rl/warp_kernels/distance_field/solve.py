@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportIndexIssue=false
-# pyright: reportArgumentType=false, reportCallIssue=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportReturnType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Values of a distance field, spread from the goal.
 
