@@ -21,7 +21,13 @@ class SeenThings(Sensor):
     """
 
     def __init__(
-        self, obstacles: SlotArrays, nearby: wp.array, qpos: wp.array, scandots: Scandots, max_age: int
+        self,
+        obstacles: SlotArrays,
+        nearby: wp.array,
+        qpos: wp.array,
+        scandots: Scandots,
+        step: wp.array,
+        max_age: int,
     ) -> None:
         """Allocate the memory.
 
@@ -30,6 +36,7 @@ class SeenThings(Sensor):
             nearby: Slots of the tokens, shape (nworld, k), int32.
             qpos: ``d.qpos``, shape (nworld, nq).
             scandots: The scandot sensor; updated before this one is.
+            step: Control steps of the running episodes, shape (nworld,), int32.
             max_age: Steps after which what was not seen again is forgotten.
         """
         self.obstacles = slots_of(obstacles)
@@ -44,7 +51,7 @@ class SeenThings(Sensor):
             self.memory.velocity = wp.zeros(shape, dtype=wp.vec2)
             self.memory.seen_at = wp.full(shape, -1, dtype=wp.int32)
             self.memory.changed = wp.zeros(shape[0], dtype=bool)
-            self.memory.step = wp.zeros(shape[0], dtype=wp.int32)
+        self.memory.step = step
         self.memory.max_age = max_age
 
     def begin(self, mask: wp.array) -> None:

@@ -32,8 +32,8 @@ class Memory:
 
     ``low`` and ``high`` are opposite corners [m], ``pose`` is x, y and yaw of the slot when it was seen last
     [m, rad], ``velocity`` how fast it moved then [m per step], ``seen_at`` the step of that, negative where
-    there is nothing to remember. ``step`` (nworld,) counts updates; ``changed`` (nworld,) is set where
-    something new was seen, and cleared by who acts on it.
+    there is nothing to remember. ``step`` (nworld,) is the control step of the episode, written by others;
+    ``changed`` (nworld,) is set where something new was seen, and cleared by who acts on it.
     """
 
     low: wp.array2d[wp.vec3]
@@ -121,12 +121,6 @@ def _forget(mask: wp.array[wp.bool], memory: Memory):
 
 
 @wp.kernel
-def _count(memory: Memory):
-    world = wp.tid()
-    memory.step[world] = memory.step[world] + 1
-
-
-@wp.kernel
 def _remember(
     slots: Slots, nearby: wp.array2d[int], qpos: wp.array2d[float], visible: wp.array3d[float], memory: Memory
 ):
@@ -161,6 +155,8 @@ def _remember(
         low = -high
     pose = wp.vec3(pos[0], pos[1], yaw)
     velocity = wp.vec2(0.0, 0.0)
+    if memory.seen_at[world, slot] == memory.step[world]:  # a second look in this step tells no motion
+        velocity = memory.velocity[world, slot]
     is_news = not is_remembered(memory, world, slot)
     if not is_news:
         moved = pose - memory.pose[world, slot]
@@ -188,7 +184,7 @@ def forget(memory: Memory, mask: wp.array) -> None:
 
 
 def remember(slots: Slots, nearby: wp.array, qpos: wp.array, visible: wp.array, memory: Memory) -> None:
-    """Take in what the visible tokens tell; graph-safe, once a control step.
+    """Take in what the visible tokens tell; graph-safe, more than once a control step where nothing moved.
 
     Args:
         slots: Walls and obstacles.
@@ -198,7 +194,6 @@ def remember(slots: Slots, nearby: wp.array, qpos: wp.array, visible: wp.array, 
         memory: What was seen before; changed.
     """
     device = nearby.device
-    wp.launch(_count, dim=nearby.shape[0], inputs=[memory], device=device)
     wp.launch(_remember, dim=nearby.shape, inputs=[slots, nearby, qpos, visible, memory], device=device)
 
 

@@ -35,7 +35,9 @@ class Place:
         nearby = wp.array(np.tile(np.arange(3, dtype=np.int32), (2, 1)), dtype=wp.int32, device=device)
         self.qpos = wp.zeros((2, 3), dtype=float, device=device)
         self.visible = wp.zeros((2, 3, 32), dtype=float, device=device)
-        self.seen = SeenThings(self.layout, nearby, self.qpos, SimpleNamespace(visible=self.visible), 100)
+        self.step = wp.zeros(2, dtype=wp.int32, device=device)
+        scandots = SimpleNamespace(visible=self.visible)
+        self.seen = SeenThings(self.layout, nearby, self.qpos, scandots, self.step, 100)
         self.awareness = Awareness(self.layout, self.qpos, self.seen, NEAR, period=0.1)
 
     def show(self, *seen):
@@ -44,6 +46,7 @@ class Place:
         for world, slot in seen:
             flags[world, slot, 24] = 1.0
         self.visible.assign(flags)
+        self.step.assign(self.step.numpy() + 1)
         self.seen.update()
 
     def move(self, slot, by):

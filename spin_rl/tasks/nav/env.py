@@ -190,7 +190,8 @@ class NavEnv(CorridorEnv):
             return None
         sim, period = self.sim, cfg.sim.control_period
         max_age = round(cfg.guard.memory_s / period)
-        seen = SeenThings(sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots, max_age)
+        tokens = (sim.layout, sim.layout.nearby, sim.data.qpos, self.scandots)
+        seen = SeenThings(*tokens, self._episode_length, max_age)
         if cfg.guard.enabled:
             self.guard = Guard(sim, seen, cfg.guard, robot.SPEED_PROFILES[cfg.robot_profile])
             if cfg.planner.enabled:

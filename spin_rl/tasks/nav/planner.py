@@ -34,12 +34,12 @@ def _begin(
     size: wp.vec2,
     # Out
     field: Field,
-    planned_ago_out: wp.array[int],
+    planned_at_out: wp.array[int],
 ) -> None:
     """Put the grid around start and goal of the masked worlds' new episodes."""
     w = wp.tid()
     if mask[w]:
-        planned_ago_out[w] = -1
+        planned_at_out[w] = -1
         field.origin[w] = 0.5 * (wp.vec2(qpos[w, 0], qpos[w, 1]) + goal[w] - size)
 
 
@@ -48,10 +48,11 @@ def _choose(
     qpos: wp.array2d[float],
     goal: wp.array[wp.vec2],
     field: Field,
+    step: wp.array[int],
     wait: int,
     # In and out
     changed: wp.array[wp.bool],
-    planned_ago: wp.array[int],
+    planned_at: wp.array[int],
     # Out
     mask_out: wp.array[wp.bool],
     near_out: wp.array[int],
@@ -59,13 +60,12 @@ def _choose(
     """Choose the worlds to plan in: new episodes and goals, in time those where something new was seen."""
     w = wp.tid()
     at = wp.vec2(qpos[w, 0], qpos[w, 1])
-    is_new = planned_ago[w] < 0 or wp.length(goal[w] - field.goal[w]) > 0.0
-    planned_ago[w] = wp.max(planned_ago[w], 0) + 1
+    is_new = planned_at[w] < 0 or wp.length(goal[w] - field.goal[w]) > 0.0
     is_due = changed[w] or field_at(field, w, at[0], at[1]) >= UNREACHABLE
-    mask_out[w] = is_new or (is_due and planned_ago[w] >= wait)
+    mask_out[w] = is_new or (is_due and step[w] - planned_at[w] >= wait)
     if mask_out[w]:
         changed[w] = False
-        planned_ago[w] = 0
+        planned_at[w] = step[w]
         rows = field.values.shape[1]
         columns = field.values.shape[2]
         cell = (at - field.origin[w]) / field.cell
@@ -101,7 +101,7 @@ class Planner(Sensor):
         nworld = goal.shape[0]
         with wp.ScopedDevice(goal.device):
             self._known = _slots_like(seen.obstacles)
-            self._planned_ago = wp.full(nworld, -1, dtype=wp.int32)
+            self._planned_at = wp.full(nworld, -1, dtype=wp.int32)
             self._mask = wp.zeros(nworld, dtype=bool)
             self._subgoal = wp.zeros(nworld, dtype=wp.vec2)
         self._distance_field = DistanceField(
@@ -126,7 +126,7 @@ class Planner(Sensor):
             _begin,
             dim=mask.shape[0],
             inputs=[mask, self._qpos, self._goal, wp.vec2(grid.nx * grid.cell_m, grid.ny * grid.cell_m)],
-            outputs=[self.field, self._planned_ago],
+            outputs=[self.field, self._planned_at],
             device=mask.device,
         )
 
@@ -136,8 +136,8 @@ class Planner(Sensor):
         wp.launch(
             _choose,
             dim=self._mask.shape[0],
-            inputs=[self._qpos, self._goal, self.field, self._wait, memory.changed, self._planned_ago],
-            outputs=[self._mask, self._distance_field.near],
+            inputs=[self._qpos, self._goal, self.field, memory.step, self._wait],
+            outputs=[memory.changed, self._planned_at, self._mask, self._distance_field.near],
             device=self._mask.device,
         )
         recall_all(self._mask, memory, self._seen.obstacles, self._known)

@@ -93,6 +93,25 @@ def test_a_new_episode_forgets_the_map(make_nav_env):
     assert abs(float(env.planner.subgoal[1, 1])) > 0.8
 
 
+def test_worlds_that_start_anew_do_not_make_others_plan_sooner(make_nav_env):
+    def told_after(others_start):
+        env = make_nav_env(PLANNED, num_envs=2, scene=scene_with(WALL))
+        active = env.sim.layout.active
+        there = active.numpy().copy()
+        active.zero_()
+        env.reset()
+        active.assign(there)  # news from the first step on
+        for step in range(1, 12):
+            env.step(env.sim.views.action.clone())
+            if abs(float(env.planner.subgoal[1, 1])) > 0.8:
+                return step
+            if others_start:
+                env.reset_worlds(torch.tensor([True, False], device=env.device))
+        return None
+
+    assert told_after(others_start=True) == told_after(others_start=False) == 5
+
+
 def test_where_no_way_is_known_the_goal_itself_is_told(make_nav_env):
     inside = scene_with(((1.2, 0.0, 0.3), (0.3, 0.3, 0.3)), goal=(1.2, 0.0))
     env = make_nav_env(PLANNED, num_envs=1, scene=inside)
