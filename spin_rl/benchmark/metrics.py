@@ -209,12 +209,14 @@ def summarize_drives(episodes: DriveEpisodes, control_period: float) -> dict[str
     """Compute the figures of one row of a benchmark of the navigation task.
 
     Returns:
-        As `summarize`, with `spl`, and with `outcomes`, which lets results of the same scenes be paired: a
-        letter for every episode, the first one of the name that `episode.OUTCOMES` has for how it ended.
+        As `summarize`, with `spl`, with `final_distance_ci95` (a bootstrap over episodes), and with
+        `outcomes`, which lets results of the same scenes be paired: a letter for every episode, the first one
+        of the name that `episode.OUTCOMES` has for how it ended.
     """
     success = episodes.outcome == episode.SUCCESS
     return summarize(episodes, control_period) | {
         "spl": spl(success, episodes.way, episodes.driven),
+        "final_distance_ci95": mean_interval(episodes.distance),
         "outcomes": "".join(episode.OUTCOMES[outcome][0] for outcome in episodes.outcome),
     }
 

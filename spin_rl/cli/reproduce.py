@@ -24,6 +24,7 @@ class Options:
     """What to list or run, checked; see conf/reproduce.yaml."""
 
     run: bool
+    again: bool
     only: tuple[str, ...] | None
     minutes: Minutes | None
     jobs: Annotated[int, Range(1, 1024)] | None
@@ -50,7 +51,8 @@ def reproduce(call: common.Call) -> bool:
     if not options.run:
         print("run=true runs what is missing")
         return False
-    whole = Runner(steps, jobs, options.minutes).run(chosen)
+    runner = Runner(steps, jobs, options.minutes)
+    whole = runner.run_again(chosen) if options.again else runner.run(chosen)
     print(progress(steps, chosen, jobs))
     return not whole
 
@@ -67,6 +69,8 @@ def read_options(values: Mapping[str, Any]) -> Options:
     options = from_keys(Options, {**values, "only": only})
     if options.only is not None and not all(options.only):
         raise ConfigError("only: expected parts of the names of steps")
+    if options.again and options.only is None:
+        raise ConfigError("again: name the steps, only=<part of a name>")
     return options
 
 

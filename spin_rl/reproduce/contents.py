@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
+
+from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 
 _KEPT: Mapping[str, type | tuple[type, ...]] = {
     "command": str,
@@ -16,8 +19,15 @@ _KEPT: Mapping[str, type | tuple[type, ...]] = {
 }
 """What every stored result has; see `record.stored`."""
 _CELLS = ("success_rate", "episodes")
-_DRIVES = (*_CELLS, "scenario", "difficulty", "duration_s", "final_distance_m", "timeout_rate")
-_RESULTS: Mapping[str, tuple[str, ...]] = {"reach": ("seeds", "commit"), "fetch": ("overall", "pick")}
+_DRIVES = (
+    *(*_CELLS, "scenario", "difficulty", "duration_s"),
+    *("final_distance_m", "final_distance_ci95", "timeout_rate"),
+)
+_RESULTS: Mapping[str, tuple[str, ...]] = {
+    **{kind: ("seeds", "commit", "num_envs") for kind in ("reach", "map_none", "map_small", "map_large")},
+    "dynamic": ("seeds", "num_envs"),
+    "fetch": ("overall", "pick"),
+}
 """Kind of results -> what tables read of one."""
 _ROWS: Mapping[str, tuple[str, ...]] = {
     **{kind: _DRIVES for kind in ("reach", "map_none", "map_small", "map_large")},
@@ -26,6 +36,12 @@ _ROWS: Mapping[str, tuple[str, ...]] = {
     "speed": ("name", "value", "baseline_value"),
 }
 """Kind of results -> what tables read of each of its rows."""
+_CORRIDORS = ("scenario", "difficulty"), tuple(product(SCENARIOS, DIFFICULTIES))
+_PLACES: Mapping[str, tuple[tuple[str, ...], tuple[tuple[Any, ...], ...]]] = {
+    **{kind: _CORRIDORS for kind in ("reach", "map_none", "map_small", "map_large", "fetch")},
+    "dynamic": (("scene", "obstacles"), tuple(product(("lab", "study"), ("static", "dynamic")))),
+}
+"""Kind of results -> keys that name a row, and the rows that there must be."""
 
 
 def lacking(name: str, stored: Any) -> str | None:
@@ -54,4 +70,10 @@ def lacking(name: str, stored: Any) -> str | None:
         for key in _ROWS[kind]:
             if not isinstance(row, Mapping) or key not in row:
                 return f"result.rows[{number}].{key}"
+    if kind in _PLACES:
+        keys, wanted = _PLACES[kind]
+        there = {tuple(row[key] for key in keys) for row in rows}
+        for place in wanted:
+            if place not in there:
+                return f"result.rows of {' '.join(map(str, place))}"
     return None

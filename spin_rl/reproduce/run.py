@@ -18,9 +18,8 @@ from spin_rl.reproduce.child import Child, python, started
 from spin_rl.reproduce.estimate import duration, minutes_left, time_ahead
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training, is_alone
 from spin_rl.reproduce.record import note_call, stored
-from spin_rl.reproduce.state import has_checkpoint, is_done, result_file, state_of
+from spin_rl.reproduce.state import has_checkpoint, is_done, limits, result_file, state_of, state_of_run
 from spin_rl.runners.stop import StopRequest
-from spin_rl.tasks.common.compose import compose
 
 _LEAST_MINUTES = 1.0
 """With less time left, no training starts."""
@@ -67,18 +66,31 @@ class Runner:
         """
         return self._work([step for step in chosen if not is_done(self.steps, step)])
 
+    def run_again(self, chosen: Sequence[Step]) -> bool:
+        """Run as if no result were there: evaluations anew, and trainings whose own run is not whole.
+
+        Returns and raises as `run`.
+        """
+        return self._work([step for step in chosen if not self._has_own_run(step)], again=True)
+
     def measure_again(self, chosen: Sequence[Evaluation]) -> None:
         """Run evaluations whose results are there already.
 
         Raises:
-            ConfigError: One failed, or the run of a training is not there any more.
+            ConfigError: One failed, or the run of a training is not there any more, or not whole.
             KeyboardInterrupt: The user asked for an end.
         """
         for step in chosen:
             for name in self.steps.needs(step):
-                if not has_checkpoint(self.steps.run_dir(name)):
-                    raise ConfigError(f"fresh: {step.name} needs the run {self.steps.run_dir(name)}")
+                if not self._has_own_run(self.steps.by_name[name]):
+                    raise ConfigError(
+                        f"fresh: {step.name} needs {self.steps.run_dir(name)}, whole and as planned: "
+                        f"spin-reproduce run=true again=true only={step.name}"
+                    )
         self._work(chosen, again=True)
+
+    def _has_own_run(self, step: Step) -> bool:
+        return isinstance(step, Training) and state_of_run(self.steps, step).status == "done"
 
     def _work(self, todo: Sequence[Step], again: bool = False) -> bool:
         self._waiting = list(todo)
@@ -166,8 +178,7 @@ class Runner:
         arguments += [f"seed={step.seed}", f"run_dir={run_dir}"]
         if has_checkpoint(run_dir):
             arguments = [f"resume={run_dir}"]
-        # No limit of time: schedules of the learning would go by it. Its end comes from here.
-        arguments += [f"max_iterations={iterations(self.steps, step)}", "max_minutes=null"]
+        arguments += limits(self.steps, step)
         note_call(self.steps, step, arguments)
         return python("train", arguments)
 
@@ -232,9 +243,3 @@ class Runner:
             child.wait(max(0.0, deadline - time.monotonic()))
         for child in list(self._running):
             self._finish(child, asked=True)
-
-
-def iterations(steps: Steps, step: Training) -> int:
-    """Iterations after which a training has its samples."""
-    values = compose("train", steps.arguments(step))
-    return math.ceil(step.env_steps / (values["num_envs"] * values["runner"]["num_steps_per_env"]))

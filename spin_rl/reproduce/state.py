@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
 from spin_rl.paths import RESULT_DIR
 from spin_rl.reproduce.contents import lacking
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
+from spin_rl.tasks.common.compose import compose
 
 Status = Literal["done", "partial", "missing", "outdated"]
 
@@ -91,12 +94,31 @@ def command_of(steps: Steps, step: Step) -> str:
     """The command line of a step as a user would type it."""
     given = steps.arguments(step)
     if isinstance(step, Training):
-        given += [f"seed={step.seed}", f"run_dir={steps.run_dir(step.name)}"]
+        given += [f"seed={step.seed}", f"run_dir={steps.run_dir(step.name)}", *limits(steps, step)]
     tool = "train" if isinstance(step, Training) else step.command
     return " ".join([f"spin-{tool}", *map(_quoted, given)])
 
 
-def _of_training(steps: Steps, step: Training) -> State:
+def limits(steps: Steps, step: Training) -> list[str]:
+    """Arguments that end a training with its samples.
+
+    There is no limit of time: schedules of the learning would go by it.
+    """
+    return [
+        f"max_iterations={iterations(tuple(steps.arguments(step)), step.env_steps)}",
+        "max_minutes=null",
+    ]
+
+
+@lru_cache
+def iterations(arguments: tuple[str, ...], env_steps: int) -> int:
+    """Iterations after which a training with some arguments has its samples."""
+    values = compose("train", list(arguments))
+    return math.ceil(env_steps / (values["num_envs"] * values["runner"]["num_steps_per_env"]))
+
+
+def state_of_run(steps: Steps, step: Training) -> State:
+    """Find out how far the run of a training has come, whatever results are there."""
     run_dir = steps.run_dir(step.name)
     summary = _read(run_dir / "summary.json")
     if (summary is not None or has_checkpoint(run_dir)) and not _is_planned(run_dir, step):
@@ -104,8 +126,13 @@ def _of_training(steps: Steps, step: Training) -> State:
     if summary is not None:
         status = "done" if summary["env_steps"] >= step.env_steps else "partial"
         return State(status, summary["minutes"], summary["env_steps"], summary["success_rate"])
-    if has_checkpoint(run_dir):
-        return State("partial")
+    return State("partial" if has_checkpoint(run_dir) else "missing")
+
+
+def _of_training(steps: Steps, step: Training) -> State:
+    run = state_of_run(steps, step)
+    if run.status != "missing":
+        return run
     # Its run may be gone, or on another machine: nothing needs it where all that was made of it is there.
     users = [other for other in steps.by_name.values() if step.name in steps.needs(other)]
     if not users or not all(is_done(steps, user) for user in users):

@@ -56,9 +56,11 @@ FAKE = textwrap.dedent("""
         (folder / "checkpoints" / "last.pt").touch()
         before.write_text(json.dumps(dict(env_steps=samples, minutes=1.0, success_rate=0.5, processes=1)))
     else:  # an evaluation that is asked to end writes what it has by then
-        row = dict(scenario=1, difficulty="easy", success_rate=0.5, episodes=2, duration_s=None)
-        row |= dict(final_distance_m=1.0, timeout_rate=0.5)
-        result = dict(rows=[row], seeds=[0], commit=None, device="cpu", policy=given["policy"])
+        row = dict(success_rate=0.5, episodes=2, duration_s=None, timeout_rate=0.5)
+        row |= dict(final_distance_m=1.0, final_distance_ci95=[0.5, 1.5])
+        cells = [dict(scenario=s, difficulty=d) for s in (1, 2) for d in ("easy", "medium", "hard")]
+        result = dict(rows=[row | cell for cell in cells], seeds=[0], num_envs=6, commit=None, device="cpu")
+        result |= dict(policy=given["policy"])
         result |= dict(stopped=True) if asked else {}
         pathlib.Path(given["out"]).write_text(json.dumps(result))
     note("end")

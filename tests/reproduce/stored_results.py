@@ -46,6 +46,7 @@ def rows_of(kind, success):
             "episodes": EPISODES,
             "duration_s": 7.0 if success(cell) else None,
             "final_distance_m": 0.3,
+            "final_distance_ci95": [0.2, 0.4],
             "timeout_rate": 0.01,
             "collisions": 1.5,
             "collisions_ci95": [1.2, 1.8],
@@ -65,6 +66,7 @@ def stored_result(steps, step, success):
         "result": {
             "rows": rows_of(step.name.partition("/")[0], success),
             "seeds": [0, 1, 2],
+            "num_envs": 200,
             "commit": "abc",
             "pick": "pick-teacher",
             "overall": {"pick": {"succeeded": 300, "tried": 400}},

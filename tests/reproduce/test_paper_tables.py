@@ -76,13 +76,18 @@ def test_every_table_tells_of_budget_machine_code_intervals_and_the_paper(steps,
         "place": ["placing, CVO over NoPointNet"],
         "fixcam": ["moving over FixCam IV on hard", "moving over the best fixed pose here"],
         "visibility": ["2 m over 5 m"],
-        "dynamic": ["over classical, static obstacles", "over classical, dynamic obstacles"],
+        "dynamic": [
+            "nav-room, its network alone over classical, 60 s of slack, static obstacles",
+            "nav-cvo, corridors only over classical, 60 s of slack, dynamic obstacles",
+        ],
         "depth": ["scandots over depth images"],
     }
     for ordering in orderings[name]:
         line = next(line for line in told.splitlines() if ordering in line)
         signed = r"[+-]\d\.\d\d"
-        assert re.search(rf": {signed} \({signed} to {signed}.*\), paper .*: [a-z ,]+$", line), line
+        assert re.search(rf": {signed} \({signed} to {signed}; .*\), paper .*wanted .*: [a-z ,]+$", line), (
+            line
+        )
 
 
 @pytest.mark.parametrize("name", PAPERS)
@@ -141,10 +146,11 @@ def test_the_command_for_what_is_missing_chooses_that_and_no_more(missing):
 
 
 def test_where_nobody_came_to_the_table_no_pick_was_tried(steps):
-    file = state.result_file("fetch/dvo-1")
-    stored = json.loads(file.read_text())
-    stored["result"]["overall"]["pick"] = {"succeeded": 0, "tried": 0}
-    file.write_text(json.dumps(stored))
+    for training in ("dvo-1", "dvo-2"):
+        file = state.result_file(f"fetch/{training}")
+        stored = json.loads(file.read_text())
+        stored["result"]["overall"]["pick"] = {"succeeded": 0, "tried": 0}
+        file.write_text(json.dumps(stored))
     table = TABLES["place"](Stored(steps, "place"))
     row = next(row for row in table.rows if row[0] == "SPIN (DVO)")
     assert row[2] == "none tried" and row[3].startswith("0.")
@@ -160,6 +166,7 @@ def test_where_nobody_came_to_the_table_no_pick_was_tried(steps):
         (lambda text: text.replace('"rows"', '"other"', 1), r"lacks result\.rows"),
         (lambda text: text.replace('"seeds"', '"other"', 1), r"lacks result\.seeds"),
         (lambda text: text.replace('"episodes"', '"other"', 1), r"lacks result\.rows\[0\]\.episodes"),
+        (lambda text: text.replace('"hard"', '"easy"', 1), r"lacks result\.rows of 1 hard"),
     ],
 )
 def test_a_damaged_result_is_named_and_measured_again(steps, damage, said):
@@ -204,7 +211,11 @@ def test_trainings_are_pooled_and_shown_one_by_one(steps):
     claim = table.claims[0]
     assert claim.ours == pytest.approx(0.40) and claim.trainings == pytest.approx((0.30, 0.50))
     assert claim.paper == pytest.approx(0.93 - 0.23) and claim.verdict == "reproduced"
-    assert table.claims[1].ours == pytest.approx(0.0) and table.claims[1].verdict == "no difference shown"
+    assert [claim.verdict for claim in table.claims[1:]] == [
+        "no difference shown",
+        "no difference shown",
+        "reproduced",  # that DVO does as well
+    ]
 
 
 def test_budget_counts_the_phases_of_a_training(steps):
@@ -212,15 +223,53 @@ def test_budget_counts_the_phases_of_a_training(steps):
     assert "8.0 M env steps" in note and "9 to 18 min" in note and "seeds 1, 2" in note
 
 
-def test_verdicts():
-    def verdict(one, other, wanted):
-        rates = [Rate(round(1000 * share), 1000) for share in (one, other)]
-        return tables.compare("a", rates[:1], rates[1:], paper=None, wanted=wanted).verdict
+@pytest.mark.parametrize(
+    ("kind", "ones", "others", "wanted", "verdict"),
+    [
+        ("more", [0.9], [0.5], 0.3, "reproduced"),
+        ("more", [0.9, 0.9], [0.5, 0.4], 0.3, "reproduced"),
+        ("more", [0.95, 0.45], [0.3, 0.5], 0.2, "reproduced on average, not between all trainings"),
+        ("more", [0.9], [0.8], 0.3, "same direction, less of it"),
+        ("more", [0.8], [0.9], 0.0, "the other way round"),
+        ("more", [0.9], [0.9], 0.0, "no difference shown"),
+        ("alike", [0.9], [0.9], 0.0, "reproduced"),
+        ("alike", [0.9], [0.85], 0.0, "reproduced"),
+        ("alike", [0.9], [0.6], 0.0, "better"),
+        ("alike", [0.6], [0.9], 0.0, "worse"),
+        ("disputed", [0.9], [0.7], 0.0, "as the text says, against the table"),
+        ("disputed", [0.7], [0.9], 0.0, "as the table says, against the text"),
+        ("disputed", [0.9], [0.9], 0.0, "no difference shown"),
+    ],
+)
+def test_verdicts(kind, ones, others, wanted, verdict):
+    one, other = ([Rate(round(1000 * share), 1000) for share in shares] for shares in (ones, others))
+    claim = tables.compare("a", one, other, paper=None, wanted=wanted, kind=kind)
+    assert claim.verdict == verdict and claim.line().endswith(f": {verdict}")
+    assert ("one training each" in claim.line()) == (len(ones) * len(others) == 1)
 
-    assert verdict(0.9, 0.5, 0.3) == "reproduced"
-    assert verdict(0.9, 0.8, 0.3) == "same direction, less of it"
-    assert verdict(0.8, 0.9, 0.0) == "the other way round"
-    assert verdict(0.90, 0.90, 0.0) == "no difference shown"
+
+def test_few_episodes_show_neither_a_difference_nor_its_absence():
+    claim = tables.compare("a", [Rate(18, 20)], [Rate(17, 20)], paper=0.0, kind="alike")
+    assert claim.verdict == "neither a difference nor its absence shown"
+
+
+@pytest.mark.parametrize("table", ["1", "fixcam", "visibility", "depth", "dynamic"])
+@pytest.mark.parametrize(("key", "value"), [("seeds", [7]), ("num_envs", 8)])
+def test_rows_of_other_scenes_are_not_compared(steps, table, key, value):
+    name = {"dynamic": "dynamic/nav-cvo"}.get(table, "reach/cvo-2")
+    file = state.result_file(name)
+    stored = json.loads(file.read_text())
+    stored["result"][key] = value
+    file.write_text(json.dumps(stored))
+    with pytest.raises(ConfigError, match=r"^table: .* were measured in other scenes"):
+        TABLES[table](Stored(steps, table))
+
+
+def test_the_distance_has_an_interval_of_all_cells(steps):
+    record = TABLES["visibility"](Stored(steps, "visibility")).records[0]
+    # Twelve cells of +-0.1 m each.
+    assert record["final_distance_m"] == pytest.approx(0.3)
+    assert record["final_distance_ci95_high"] == pytest.approx(0.3 + 0.1 / 12**0.5)
 
 
 def test_difference_against_the_example_of_newcombe():
@@ -230,7 +279,7 @@ def test_difference_against_the_example_of_newcombe():
 
 def test_success_at_equal_samples_is_that_of_the_nearest_point():
     curve = {"env_steps": [1e6, 2e6, 4e6], "success_rate": [0.1, 0.3, 0.6]}
-    assert [at_samples(curve, count) for count in (0.0, 2.2e6, 9e6)] == [0.1, 0.3, 0.6]
+    assert [at_samples(curve, "success_rate", count) for count in (0.0, 2.2e6, 9e6)] == [0.1, 0.3, 0.6]
 
 
 def test_fixed_poses_are_those_of_the_configuration():

@@ -10,7 +10,6 @@ from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
 from spin_rl.reproduce.listing import progress
 from spin_rl.reproduce.plan import Evaluation, Training, is_alone, read_steps
-from spin_rl.reproduce.run import iterations
 from spin_rl.reproduce.tables.stored import Stored
 from spin_rl.runners.config import check_config
 from spin_rl.tasks.common.compose import compose, with_depth
@@ -63,7 +62,7 @@ def store(steps, name, **changes):
     trainings = [described(steps, other) for other in steps.needs(step)]
     rows = rows_of(name.partition("/")[0], lambda cell: 50)
     kept = MACHINE | {"command": "spin-eval", "minutes": 2.0}
-    kept |= {"result": {"rows": rows, "seeds": [0], "commit": "abc"}}
+    kept |= {"result": {"rows": rows, "seeds": [0], "num_envs": 9, "commit": "abc"}}
     kept |= {"step": state.planned(step), "trainings": trainings} | changes
     file = state.result_file(name)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -93,26 +92,27 @@ def test_iterations_give_at_least_the_samples():
     for name in ("cvo-1", "dvo-1", "direct_depth-1"):
         step = SHIPPED.by_name[name]
         per_iteration = 512 * 32
-        count = iterations(SHIPPED, step)
+        count = int(state.limits(SHIPPED, step)[0].removeprefix("max_iterations="))
         assert (count - 1) * per_iteration < step.env_steps <= count * per_iteration
 
 
 def test_every_evaluation_names_a_command_that_composes():
     for step in SHIPPED.by_name.values():
         if isinstance(step, Evaluation):
-            compose(step.command, SHIPPED.arguments(step))
+            task = ["task=fetch"] if step.name.startswith("fetch/") else []  # as the command itself adds
+            compose(step.command, [*task, *SHIPPED.arguments(step)])
 
 
 @pytest.mark.parametrize("kind", ["dynamic", "fetch"])
 def test_benchmarks_of_the_shipped_plan_have_their_episodes(kind):
-    """As spin-eval itself reads them: 300 of every row with dynamic obstacles, 60 fetches of every cell."""
+    """As spin-eval itself reads them: 300 of every row with dynamic obstacles, 30 fetches of every cell."""
     for step in SHIPPED.by_name.values():
         if step.name.startswith(f"{kind}/"):
             task = ["task=fetch"] if kind == "fetch" else []
             given = [*task, *SHIPPED.arguments(step)]
             options = evaluate.read_options(common.Call(compose("eval", given), given))
             assert options.benchmark.name == kind
-            assert options.episodes * len(options.seeds) == {"dynamic": 300, "fetch": 60}[kind]
+            assert options.episodes * len(options.seeds) == {"dynamic": 300, "fetch": 30}[kind]
 
 
 def test_trainings_come_before_what_needs_them_and_seeds_go_together(steps):

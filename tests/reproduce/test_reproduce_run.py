@@ -1,6 +1,7 @@
 """Running the plan, with processes that do what trainings and evaluations leave behind."""
 
 import importlib.util
+import json
 
 import pytest
 
@@ -8,6 +9,7 @@ from spin_rl.cli import reproduce
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import child, state
 from spin_rl.reproduce.curve import POINTS, shorten
+from spin_rl.reproduce.plan import read_steps
 
 
 def test_runs_what_is_missing_once(make_runner):
@@ -42,8 +44,17 @@ def test_an_evaluation_begins_only_if_it_can_end(make_runner):
 def test_measuring_again_needs_the_runs(make_runner):
     steps = make_runner.steps
     step = steps.by_name["reach/a-1"]
-    with pytest.raises(ConfigError, match="fresh: reach/a-1 needs the run"):
+    needed = "^fresh: reach/a-1 needs .*a-1, whole and as planned: spin-reproduce run=true again=true only="
+    with pytest.raises(ConfigError, match=needed):
         make_runner().measure_again([step])
+    half = {"env_steps": 50_000, "minutes": 1.0, "success_rate": 0.5, "processes": 1}
+    (steps.run_dir("a-1") / "checkpoints").mkdir(parents=True)
+    (steps.run_dir("a-1") / "checkpoints" / "last.pt").touch()
+    for summary in (None, half):  # killed, or cut off
+        if summary is not None:
+            (steps.run_dir("a-1") / "summary.json").write_text(json.dumps(summary))
+        with pytest.raises(ConfigError, match=needed):
+            make_runner().measure_again([step])
     make_runner().run([steps.by_name["a-1"], step])
     state.result_file("reach/a-1").write_text("{}")
     runner = make_runner()
@@ -53,6 +64,30 @@ def test_measuring_again_needs_the_runs(make_runner):
     runner = make_runner()
     runner.measure_again([step])  # also what is whole
     assert [tool for tool, _ in runner.calls] == ["eval"]
+
+
+def test_a_row_again_from_results_alone_and_into_another_folder(make_runner, tmp_path):
+    """In a fresh clone results are there and runs are not."""
+    names = ("a-2", "reach/a-2")
+    make_runner().run([make_runner.steps.by_name[name] for name in names])
+    make_runner.steps = read_steps(make_runner.plan, tmp_path / "mine")
+    chosen = make_runner.steps.chosen(["reach/a-2"])
+    assert [step.name for step in chosen] == list(names)
+    assert all(state.is_done(make_runner.steps, step) for step in chosen)
+    for tools in (["train", "eval"], ["eval"]):  # then the run is there
+        runner = make_runner()
+        assert runner.run_again(chosen)
+        assert [tool for tool, _ in runner.calls] == tools
+    kept = state.read_result("reach/a-2")
+    assert kept["result"]["policy"] == str(tmp_path / "mine" / "a-2")
+
+
+def test_commands_that_are_told_are_those_that_are_run(make_runner):
+    runner = make_runner()
+    assert runner.run(make_runner.all)
+    told = [state.command_of(make_runner.steps, step).split() for step in make_runner.all]
+    ran = [[f"spin-{tool}", *(a for a in given if not a.startswith("out="))] for tool, given in runner.calls]
+    assert sorted(told) == sorted(ran)
 
 
 def test_the_commands_that_are_run_exist():
@@ -71,11 +106,11 @@ def test_curves_are_short_and_leave_out_what_is_unknown():
 
 
 def test_list_is_what_happens_without_run(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["spin-reproduce", "only=fixcam_II"])
+    monkeypatch.setattr("sys.argv", ["spin-reproduce", "only=fixcam_III"])
     reproduce.main()
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[2:6]] == [
-        "fixcam_II-1", "fixcam_III-1", "reach/fixcam_II-1", "reach/fixcam_III-1"
+        "fixcam_III-1", "fixcam_III-2", "reach/fixcam_III-1", "reach/fixcam_III-2"
     ]  # fmt: skip
     assert "of 4 steps done" in lines[6] and lines[7] == "run=true runs what is missing"
 

@@ -18,7 +18,7 @@ BOTH_HOLD = {"a-1": "holds", "a-2": "holds"}
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Composes no configurations."""
-    monkeypatch.setattr(run, "iterations", lambda steps, step: 1)
+    monkeypatch.setattr(state, "iterations", lambda arguments, env_steps: 1)
 
 
 def when_begun(make_runner, runner, act):

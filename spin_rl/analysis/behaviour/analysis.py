@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from spin_rl.analysis.behaviour.events import BEHAVIOURS, FAILED, NOT_NEEDED, SHOWN, Event, events_of
+from spin_rl.analysis.behaviour.series import series_of
 from spin_rl.analysis.behaviour.tendencies import as_dict, tendencies_of
 from spin_rl.analysis.behaviour.trace import DriveTrace
 from spin_rl.analysis.behaviour.watch import BehaviourWatch
@@ -49,7 +50,8 @@ def analyse_behaviour(
     Returns:
         The benchmark's result; with `analysis` ("behaviour"), `tendencies` by name (see `Tendency`),
         `behaviours` by name (counts, see `count`) and `events` (see `Event`, with the episode's `outcome`,
-        `condition`, and `play`, the overrides of spin-play that show it).
+        `condition`, and `play`, the overrides of spin-play that show it; the first that was shown and the
+        first that failed of each behaviour also with `series`, see `series_of`).
 
     Raises:
         ConfigError: Too few worlds, or whatever the benchmark refuses.
@@ -72,6 +74,7 @@ def analyse_behaviour(
         for trace in watched.traces
     ]
     found = [(trace, event) for trace in traces for event in events_of(trace)]
+    first = {(event.behaviour, event.result): event for _, event in reversed(found)}
     return result | {
         "analysis": "behaviour",
         "tendencies": {name: as_dict(tendency) for name, tendency in tendencies_of(traces).items()},
@@ -79,9 +82,15 @@ def analyse_behaviour(
             name: count([event for _, event in found if event.behaviour == name]) for name in BEHAVIOURS
         },
         "events": [
-            _told(trace, event, replay(trace, result, scene_file, overrides)) for trace, event in found
+            _told(trace, event, replay(trace, result, scene_file, overrides))
+            | ({"series": series_of(trace, event)} if _is_example(event, first) else {})
+            for trace, event in found
         ],
     }
+
+
+def _is_example(event: Event, first: Mapping[tuple[str, str], Event]) -> bool:
+    return event.result != NOT_NEEDED and first[event.behaviour, event.result] is event
 
 
 def count(events: Sequence[Event]) -> dict[str, Any]:

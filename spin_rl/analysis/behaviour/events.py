@@ -152,7 +152,7 @@ def arm_clearance(trace: DriveTrace) -> Iterator[Event]:
     """(b) The hand passes under or over something that floats and that it would have hit `ARM_S` before.
 
     Passing at a height that it had anyway is "not needed"; a collision of arm, wrist or gripper with
-    something that floats is "failed".
+    something that floats is "failed". What else an episode fails by later does not count against it.
     """
     hit = trace.hits[0] if trace.hits else None
     back = round(ARM_S / trace.period)

@@ -1,12 +1,11 @@
-"""The behaviour analysis for people: tables and a figure."""
+"""The behaviour analysis for people: tables and figures."""
 
 from __future__ import annotations
 
-import math
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from spin_rl.analysis.behaviour.drawing import bin_names, draw_episodes, draw_summary
 from spin_rl.analysis.behaviour.events import FAILED, SHOWN
 from spin_rl.benchmark.tables.reach import align, title
 
@@ -29,7 +28,7 @@ def headline(result: dict[str, Any]) -> str:
 
 
 def _tendency(values: dict[str, Any]) -> list[str]:
-    labels = [_bin(low, high, values["edge_unit"]) for low, high in pairwise(values["edges"])]
+    labels = bin_names(values)
     means = ["-" if mean is None else f"{mean:.2f}" for mean in values["means"]]
     rows = [
         ["", *labels],
@@ -45,14 +44,6 @@ def _difference(values: dict[str, Any]) -> str:
     interval = values["ci95"]
     ends = "" if interval is None else f" ({interval[0]:+.2f} to {interval[1]:+.2f})"
     return f"{values['difference']:+.2f} {values['unit']}{ends}, {values['episodes']} episodes"
-
-
-def _bin(low: float, high: float | None, unit: str) -> str:
-    if high is None:
-        return f"over {low:g} {unit}"
-    if unit == "rad":
-        return f"{math.degrees(low):.0f} to {math.degrees(high):.0f} deg"
-    return f"{low:g} to {high:g} {unit}"
 
 
 def _behaviours(result: dict[str, Any]) -> list[str]:
@@ -92,39 +83,14 @@ def _examples(result: dict[str, Any]) -> list[str]:
 
 
 def plot(result: dict[str, Any], path: Path) -> None:
-    """Draw the tendencies and the counts of the behaviours.
+    """Draw tendencies and counts, and, with `_episodes` behind the name, the examples over time.
 
     Args:
         result: Of `analysis.analyse_behaviour`.
         path: Image file to write; its folder is made.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13, 6.4), layout="constrained")
-    figure.suptitle(f"{result['policy']}: camera, arm and behaviours", fontsize=11)
-    *axes, last = figure.subplots(2, 2).flat
-    for axis, values in zip(axes, result["tendencies"].values(), strict=True):
-        labels = [_bin(low, high, values["edge_unit"]) for low, high in pairwise(values["edges"])]
-        heights = [math.nan if mean is None else mean for mean in values["means"]]
-        axis.bar(labels, heights, color="#16697a")
-        axis.set_title(f"{values['name']}\n{_difference(values)}", fontsize=9)
-        axis.set_ylabel(f"mean [{values['unit']}]")
-        axis.tick_params(axis="x", labelsize=7, rotation=15)
-        axis.axhline(0.0, color="0.5", linewidth=0.8)
-    _draw_counts(last, result["behaviours"])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-
-
-def _draw_counts(axis: Any, behaviours: dict[str, dict[str, Any]]) -> None:
-    left = dict.fromkeys(behaviours, 0)
-    colours = {"shown": "#2a9d8f", "not_needed": "#cccccc", "failed": "#c0392b"}
-    for key, colour in colours.items():
-        counts = [behaviours[name][key] for name in behaviours]
-        axis.barh(
-            list(behaviours), counts, left=list(left.values()), color=colour, label=key.replace("_", " ")
-        )
-        left = {name: left[name] + behaviours[name][key] for name in behaviours}
-    axis.invert_yaxis()
-    axis.set_title("situations", fontsize=9)
-    axis.legend(fontsize=8, loc="center right")
+    tendencies = result["tendencies"].values()
+    titles = [f"{values['name']}\n{_difference(values)}" for values in tendencies]
+    draw_summary(result, path, titles, [bin_names(values) for values in tendencies])
+    if told := [event for event in result["events"] if "series" in event]:
+        draw_episodes(told, result["policy"], path.with_stem(f"{path.stem}_episodes"))

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from spin_rl.benchmark.metrics import mean_interval
-from spin_rl.config import ConfigError
 from spin_rl.reproduce.plan import Training
 from spin_rl.reproduce.state import read_result
 from spin_rl.reproduce.tables.notes import budget_note
 from spin_rl.reproduce.tables.rates import Rate, difference
-from spin_rl.reproduce.tables.stored import Measured, Stored
+from spin_rl.reproduce.tables.stored import Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table
 
 KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
@@ -43,9 +42,9 @@ class Margin(Claim):
 
     def line(self) -> str:
         """All of it in a line."""
-        low, high = self.trainings
+        low, high = self.trainings or (self.ours, self.ours)
         return (
-            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}, between trainings "
+            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; between trainings "
             f"{low:+.2f} to {high:+.2f}), wanted {self.wanted:+.2f}: {self.verdict}"
         )
 
@@ -169,8 +168,7 @@ def compare(name: str, free: Measured, other: Measured) -> Margin:
     """
     count = min(len(free.results), len(other.results))
     own, others = _successes(free)[:count], _successes(other)[:count]
-    if len({_scenes(result) for result in (*free.results, *other.results)}) > 1:
-        raise ConfigError(f"table: {name} and {free.name} were measured in other scenes: run them again")
+    refuse_other_scenes(f"{name} and {free.name}", (*free.results, *other.results))
     scenes = own.mean(axis=0) - others.mean(axis=0)
     low, high = mean_interval(scenes)
     pairs = own.mean(axis=1)[:, None] - others.mean(axis=1)
@@ -182,15 +180,6 @@ def _successes(method: Measured) -> np.ndarray:
     """Which episodes succeeded, shape (trainings, episodes)."""
     letters = ["".join(row["outcomes"] for row in result["result"]["rows"]) for result in method.results]
     return np.array([[letter == "s" for letter in text] for text in letters], dtype=float)
-
-
-def _scenes(result: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What the scenes of a result depend on."""
-    facts = result["result"]
-    rows = tuple(
-        (row["episodes"], *map(row.get, ("family", "scenario", "difficulty"))) for row in facts["rows"]
-    )
-    return rows, tuple(facts["seeds"]), facts["num_envs"]
 
 
 def _row(group: str, name: str, method: Measured, margin: Margin | None) -> tuple[str, ...]:

@@ -37,9 +37,11 @@ def depth(stored: Stored) -> Table:
     records: list[Mapping[str, Any]] = []
     for label, method in methods.items():
         rate = method.rate()
-        minutes = _mean(training["minutes"] for training in method.trainings)
-        early = [at_samples(training["curve"], samples) for training in method.trainings]
-        equal = _mean(early)
+        minutes = _minutes(method)
+        curves = [training["curve"] for training in method.trainings]
+        equal, level = (
+            _mean(at_samples(curve, key, samples) for curve in curves) for key in ("success_rate", "level")
+        )
         learning = _samples(method) / (60.0 * minutes)
         rows.append(
             (
@@ -51,7 +53,7 @@ def depth(stored: Stored) -> Table:
                 f"{minutes:.0f} min",
                 rate.text(),
                 paper_success[label] or "not given",
-                f"{equal:.2f}",
+                f"{equal:.2f} at level {level:.2f}",
                 method.steps,
             )
         )
@@ -69,10 +71,12 @@ def depth(stored: Stored) -> Table:
                 "ci95_high": high,
                 "episodes": rate.episodes,
                 "training_success_at_equal_samples": equal,
+                "training_level_at_equal_samples": level,
                 "trainings": method.steps,
             }
         )
     every = list(methods.values())
+    own_minutes, other_minutes = (_minutes(methods[label]) for label in ("scandots", "depth"))
     ratio, paper_ratio = (values["scandots"] / values["depth"] for values in (frames, FRAMES_PER_S))
     return Table(
         "depth",
@@ -92,7 +96,7 @@ def depth(stored: Stored) -> Table:
         tuple(records),
         claims=(
             compare(
-                "scandots over depth images after about equal time",
+                f"scandots over depth images, after {own_minutes:.0f} and {other_minutes:.0f} min",
                 methods["scandots"].rates(),
                 methods["depth"].rates(),
                 paper=None,
@@ -102,6 +106,7 @@ def depth(stored: Stored) -> Table:
         notes=(
             budget_note(every),
             episodes_note(every),
+            "in training: success in corridors that become harder with it, from level 0 to 1",
             f"simulated {ratio:.1f} times as fast with scandots alone ({speed['hardware']}), paper "
             f"{paper_ratio:.0f} times (one GPU, 8192 worlds and 256): `{speed['command']}`, commit "
             f"{known([speed['commit']])}",
@@ -110,10 +115,14 @@ def depth(stored: Stored) -> Table:
     )
 
 
-def at_samples(curve: Mapping[str, list[float]], samples: float) -> float:
-    """Success in training at a number of samples, the nearest point of the curve."""
-    points = list(zip(curve["env_steps"], curve["success_rate"], strict=True))
+def at_samples(curve: Mapping[str, list[float]], key: str, samples: float) -> float:
+    """A figure in training at a number of samples, that of the nearest point of the curve."""
+    points = list(zip(curve["env_steps"], curve[key], strict=True))
     return min(points, key=lambda point: abs(point[0] - samples))[1]
+
+
+def _minutes(method: Measured) -> float:
+    return _mean(training["minutes"] for training in method.trainings)
 
 
 def _samples(method: Measured) -> float:

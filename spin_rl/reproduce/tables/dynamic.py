@@ -9,12 +9,19 @@ from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC, PaperPlace
 from spin_rl.reproduce.tables.corridors import THEIRS
 from spin_rl.reproduce.tables.notes import known, span
 from spin_rl.reproduce.tables.rates import Rate
-from spin_rl.reproduce.tables.stored import Stored
+from spin_rl.reproduce.tables.stored import Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 
-_CLASSICAL = "classical"
-_POLICIES = {"nav-room": "SPIN", "nav-cvo": "SPIN", _CLASSICAL: "Classical"}
-"""What acts -> its method in the paper."""
+_CLASSICAL = ("slow_classical", "classical")
+"""Opponents, the stronger one first."""
+_POLICIES = {
+    "nav-room": ("nav-room, guard and planner", "SPIN"),
+    "alone_nav-room": ("nav-room, its network alone", "SPIN"),
+    "nav-cvo": ("nav-cvo, corridors only", "SPIN"),
+    "classical": ("classical", "Classical"),
+    "slow_classical": ("classical, 60 s of slack", "Classical"),
+}
+"""Name of a result -> what acts, and its method in the paper."""
 _SCENES = {"lab": 1, "study": 2}
 """Scene -> its number in the paper."""
 _OBSTACLES = ("static", "dynamic")
@@ -26,6 +33,7 @@ def dynamic(stored: Stored) -> Table:
     stored_of = {policy: stored.find(f"dynamic/{policy}") for policy in _POLICIES}
     stored.refuse_empty()
     results = {policy: result for policy, result in stored_of.items() if result is not None}
+    refuse_other_scenes("policies", results.values())
     found = {
         policy: {(row["scene"], row["obstacles"]): row for row in result["result"]["rows"]}
         for policy, result in results.items()
@@ -33,21 +41,21 @@ def dynamic(stored: Stored) -> Table:
     rows: list[tuple[str, ...]] = []
     records: list[Mapping[str, Any]] = []
     for policy, own in found.items():
-        method = _POLICIES[policy]
+        label, method = _POLICIES[policy]
         cells = [own[condition] for condition in CONDITIONS]
         paper = [STATIC_DYNAMIC[_SCENES[scene], obstacles][method] for scene, obstacles in CONDITIONS]
         command = f"`{results[policy]['command']}`"
         rows += [
-            (policy, "success", *(Rate.of([row]).text() for row in cells), command),
+            (label, "success", *(Rate.of([row]).text() for row in cells), command),
             (
-                policy,
+                label,
                 f"success, paper's {method}",
                 *(f"{figure.success_rate:.1f}" for figure in paper),
                 THEIRS,
             ),
-            (policy, "collisions", *map(_collisions, cells), command),
+            (label, "collisions", *map(_collisions, cells), command),
             (
-                policy,
+                label,
                 f"collisions, paper's {method}",
                 *(f"{figure.collisions:.1f}" for figure in paper),
                 THEIRS,
@@ -66,6 +74,12 @@ def dynamic(stored: Stored) -> Table:
         notes=(
             f"{span(episodes)} episodes a cell; intervals: 95 %, of success by Wilson's method, of "
             f"collisions a bootstrap, of differences by Newcombe's; {'; '.join(machines)}, commits {commits}",
+            "no equal terms: nav-room drives at up to 0.8 m/s by boxes that it has seen and its exact "
+            "position, and other trips through these two places helped to choose the settings of its guard; "
+            "the classical stack drives at up to 0.6 m/s by a lidar, with errors of odometry, start and "
+            "execution, and was tuned elsewhere",
+            "an episode has 10 s and three times the time of its way at 0.8 m/s; with 60 s of slack the "
+            "classical stack has time for its detours, and the claims are against that",
             "samples and times of the shipped policies' trainings: `policies/nav-room.md`, "
             "`policies/nav-cvo.md`; the classical stack learns nothing",
         ),
@@ -96,9 +110,9 @@ def _record(policy: str, row: Mapping[str, Any], paper: PaperPlace) -> dict[str,
 
 
 def _claims(found: Mapping[str, Mapping[Any, Any]], obstacles: str) -> tuple[Claim, ...]:
-    """Learned over classical with one kind of obstacles, both places together; none where one is missing."""
-    learned = [policy for policy, method in _POLICIES.items() if method == "SPIN" and policy in found]
-    if not learned or _CLASSICAL not in found:
+    """Each learned policy over classical with one kind of obstacles, both places together."""
+    opponent = next((name for name in _CLASSICAL if name in found), None)
+    if opponent is None:
         return ()
 
     def rate(policy: str) -> Rate:
@@ -106,6 +120,14 @@ def _claims(found: Mapping[str, Mapping[Any, Any]], obstacles: str) -> tuple[Cla
 
     paper = [STATIC_DYNAMIC[number, obstacles] for number in _SCENES.values()]
     gap = sum(place["SPIN"].success_rate - place["Classical"].success_rate for place in paper) / len(paper)
-    best = max(learned, key=lambda policy: rate(policy).value)
-    text = f"learned ({best}) over classical, {obstacles} obstacles"
-    return (compare(text, [rate(best)], [rate(_CLASSICAL)], paper=gap, wanted=0.2),)
+    return tuple(
+        compare(
+            f"{label} over {_POLICIES[opponent][0]}, {obstacles} obstacles",
+            [rate(policy)],
+            [rate(opponent)],
+            paper=gap,
+            wanted=0.2,
+        )
+        for policy, (label, method) in _POLICIES.items()
+        if method == "SPIN" and policy in found
+    )

@@ -8,8 +8,8 @@ from typing import Any
 from spin_rl.reproduce.tables.stored import Measured
 
 COMMANDS = (
-    "a row again: `spin-reproduce run=true only=reach/<training>`; the commands of its training and of its "
-    "measurement are in `results/reach/<training>.json`"
+    "a row again: `spin-reproduce run=true again=true only=reach/<training>`; the commands of its training "
+    "and of its measurement are in `results/reach/<training>.json`"
 )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -65,6 +66,17 @@ class Measured:
                 weight += share * row["episodes"]
         return total / weight if weight else None
 
+    def final_distance(self) -> tuple[float, float, float]:
+        """Mean distance to the goal at the end [m] over cells and trainings, and its 95 % interval.
+
+        The half widths of the cells' own intervals are added as errors that are independent.
+        """
+        rows = [row for rows in self.rows() for row in rows]
+        mean = sum(row["final_distance_m"] for row in rows) / len(rows)
+        halves = [(row["final_distance_ci95"][1] - row["final_distance_ci95"][0]) / 2.0 for row in rows]
+        half = math.hypot(*halves) / len(rows)
+        return mean, mean - half, mean + half
+
     def _of(self, cells: tuple[Cell, ...]) -> Iterator[list[Mapping[str, Any]]]:
         for rows in self.rows():
             yield [row for row in rows if not cells or _cell(row) in cells]
@@ -73,6 +85,32 @@ class Measured:
 def _cell(row: Mapping[str, Any]) -> tuple[Any, Any]:
     """The cell of a row of the reach benchmark, nothing of the others."""
     return row.get("scenario"), row.get("difficulty")
+
+
+_PLACES = ("family", "scene", "obstacles", "scenario", "difficulty")
+"""Keys of rows that name where their episodes were."""
+
+
+def refuse_other_scenes(what: str, results: Iterable[Mapping[str, Any]]) -> None:
+    """Refuse to compare results that were not measured in the same scenes.
+
+    Args:
+        what: They are of, for the message.
+        results: Stored ones.
+
+    Raises:
+        ConfigError: Seeds, episodes, places or numbers of worlds differ.
+    """
+    scenes = {
+        (
+            tuple((row["episodes"], *map(row.get, _PLACES)) for row in facts["rows"]),
+            tuple(facts["seeds"]),
+            facts["num_envs"],
+        )
+        for facts in (result["result"] for result in results)
+    }
+    if len(scenes) > 1:
+        raise ConfigError(f"table: {what} were measured in other scenes: run them again")
 
 
 class NothingStored(ConfigError):
@@ -98,6 +136,7 @@ class Stored:
     def reach(self, names: Mapping[Label, str]) -> dict[Label, Measured]:
         """Results of the reach benchmark by label, of those trainings that have one; see `measured`."""
         found = {label: self.measured(REACH, name) for label, name in names.items()}
+        refuse_other_scenes("rows", (result for method in found.values() for result in method.results))
         return {label: method for label, method in found.items() if method.results}
 
     def measured(self, kind: str, name: str) -> Measured:

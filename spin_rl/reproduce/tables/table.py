@@ -8,7 +8,7 @@ import json
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from spin_rl.benchmark.tables.reach import align
 from spin_rl.reproduce.tables.missing import Missing
@@ -17,6 +17,12 @@ from spin_rl.reproduce.tables.texts import TEXTS
 
 _COLUMNS = 120
 """Of a line in Markdown, but for tables and commands."""
+
+
+Kind = Literal["more", "alike", "disputed"]
+"""What the paper claims of a difference: that there is one, that there is none, or both in two places."""
+_ALIKE = 0.10
+"""Differences below this are none."""
 
 
 @dataclass(frozen=True)
@@ -28,39 +34,68 @@ class Claim:
         ours: Difference that was measured here.
         low: Lower end of its 95 % interval.
         high: Upper end.
-        trainings: Smallest and largest difference between a training of one and of the other.
+        trainings: Smallest and largest difference between a training of one and of the other; None with one
+            training of each, or none.
         paper: Difference in the paper; None where it gives none.
-        wanted: Difference from which it is counted as reproduced.
+        wanted: Difference from which it is counted as reproduced, where one is claimed.
+        kind: Where the paper disputes itself, its text says that there is a difference.
     """
 
     text: str
     ours: float
     low: float
     high: float
-    trainings: tuple[float, float]
+    trainings: tuple[float, float] | None
     paper: float | None
     wanted: float
+    kind: Kind = "more"
 
     @property
     def verdict(self) -> str:
         """What the measurement says of it."""
-        if self.low > 0.0:
-            return "reproduced" if self.ours >= self.wanted else "same direction, less of it"
-        return "the other way round" if self.high < 0.0 else "no difference shown"
+        if self.kind == "alike":
+            return self._verdict_of_alike()
+        if self.high < 0.0:
+            return "the other way round" if self.kind == "more" else "as the table says, against the text"
+        if self.low <= 0.0:
+            return "no difference shown"
+        if self.kind == "disputed":
+            return "as the text says, against the table"
+        if self.ours < self.wanted:
+            return "same direction, less of it"
+        if self.trainings is not None and self.trainings[0] <= 0.0:
+            return "reproduced on average, not between all trainings"
+        return "reproduced"
+
+    def _verdict_of_alike(self) -> str:
+        if -_ALIKE < self.low and self.high < _ALIKE:
+            return "reproduced"
+        if self.low <= 0.0 <= self.high:
+            return "neither a difference nor its absence shown"
+        return "better" if self.ours > 0.0 else "worse"
 
     def line(self) -> str:
         """All of it in a line."""
-        low, high = self.trainings
-        between = "" if low == high else f", between trainings {low:+.2f} to {high:+.2f}"
+        between = "one training each"
+        if self.trainings is not None:
+            between = "between trainings {:+.2f} to {:+.2f}".format(*self.trainings)
         paper = "not given" if self.paper is None else f"{self.paper:+.2f}"
+        wanted = {"more": f"wanted {self.wanted:+.2f}", "alike": f"wanted within {_ALIKE:.2f}"}.get(self.kind)
+        told = ", ".join(filter(None, [f"paper {paper}", wanted]))
         return (
-            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}{between}), "
-            f"paper {paper}: {self.verdict}"
+            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; {between}), "
+            f"{told}: {self.verdict}"
         )
 
 
 def compare(
-    text: str, one: Sequence[Rate], other: Sequence[Rate], *, paper: float | None, wanted: float
+    text: str,
+    one: Sequence[Rate],
+    other: Sequence[Rate],
+    *,
+    paper: float | None,
+    wanted: float = 0.0,
+    kind: Kind = "more",
 ) -> Claim:
     """Compare the rates of several trainings of two kinds.
 
@@ -70,6 +105,7 @@ def compare(
         other: Rates of the others.
         paper: Difference in the paper.
         wanted: Difference from which the claim counts as reproduced.
+        kind: What is claimed.
     """
     pooled = [
         Rate(sum(rate.successes for rate in rates), sum(rate.episodes for rate in rates))
@@ -77,7 +113,8 @@ def compare(
     ]
     pairs = [a.value - b.value for a in one for b in other]
     mean, low, high = difference(*pooled)
-    return Claim(text, mean, low, high, (min(pairs), max(pairs)), paper, wanted)
+    between = (min(pairs), max(pairs)) if len(pairs) > 1 else None
+    return Claim(text, mean, low, high, between, paper, wanted, kind)
 
 
 @dataclass(frozen=True)

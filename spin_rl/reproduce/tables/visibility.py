@@ -25,8 +25,8 @@ def visibility(stored: Stored) -> Table:
     rows: list[tuple[str, ...]] = []
     records: list[Mapping[str, Any]] = []
     for metres, method in methods.items():
-        rate, paper, distance = method.rate(), VISIBILITY[metres], method.mean("final_distance_m")
-        assert distance is not None
+        rate, paper = method.rate(), VISIBILITY[metres]
+        distance, nearest, farthest = method.final_distance()
         each = " ".join(f"{one.value:.2f}" for one in method.rates())
         timeouts = method.mean("timeout_rate") or 0.0
         rows.append(
@@ -35,7 +35,7 @@ def visibility(stored: Stored) -> Table:
                 rate.text(),
                 each,
                 f"{paper.success_rate:.2f}",
-                f"{distance:.2f} m",
+                f"{distance:.2f} m ({nearest:.2f}-{farthest:.2f})",
                 f"{paper.final_distance_m:.2f} m",
                 f"{timeouts:.3f}",
                 method.steps,
@@ -52,6 +52,8 @@ def visibility(stored: Stored) -> Table:
                 "each_training": each,
                 "paper_success_rate": paper.success_rate,
                 "final_distance_m": distance,
+                "final_distance_ci95_low": nearest,
+                "final_distance_ci95_high": farthest,
                 "paper_final_distance_m": paper.final_distance_m,
                 "timeout_rate": timeouts,
                 "trainings": method.steps,
@@ -64,7 +66,11 @@ def visibility(stored: Stored) -> Table:
         tuple(rows),
         tuple(records),
         claims=_claims(methods),
-        notes=(budget_note(every), episodes_note(every), COMMANDS),
+        notes=(
+            budget_note(every),
+            f"{episodes_note(every)}; of distances a bootstrap over episodes in every cell",
+            COMMANDS,
+        ),
         missing=stored.rest,
     )
 
