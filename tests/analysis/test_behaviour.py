@@ -14,12 +14,14 @@ from spin_rl.analysis.behaviour.events import (
     FAILED,
     NOT_NEEDED,
     SHOWN,
+    Event,
     arm_clearance,
     avoidance,
     events_of,
     rerouting,
     stop_and_look,
 )
+from spin_rl.analysis.behaviour.series import LABELS, series_of
 from spin_rl.analysis.behaviour.tendencies import tendencies_of, tendency
 from spin_rl.analysis.behaviour.trace import FAR_M, DriveTrace
 from spin_rl.benchmark import registry
@@ -187,7 +189,8 @@ def test_arm_clearance_fails_by_a_hit_of_the_arm_alone():
     low = np.full(STEPS, 0.3)
     hit = {"outcome": "collision"}
     assert results(arm_clearance(floating(low, hits=(("wrist", SLOT),), **hit))) == [FAILED]
-    assert results(arm_clearance(floating(low, hits=(("mast", SLOT),), **hit))) == [NOT_NEEDED]
+    assert results(arm_clearance(floating(low, hits=(("mast", SLOT),), **hit))) == []
+    assert results(arm_clearance(floating(low, hits=(("mast", SLOT + 1),), **hit))) == [NOT_NEEDED]
     low_box = trace(hand=np.tile((3.0, 5.0, 0.5), (STEPS, 1)))
     assert list(arm_clearance(low_box)) == []  # it stands on the floor
 
@@ -306,8 +309,29 @@ def test_report(result, tmp_path):
     chosen = report.examples(result | {"events": [*some, *some, *some]}, 2)
     assert len(chosen["rerouting, shown"]) == len(chosen["rerouting, failed"]) == 2
     pytest.importorskip("matplotlib")
-    report.plot(result, tmp_path / "new" / "behaviour.png")
+    report.plot(result | {"events": []}, tmp_path / "new" / "behaviour.png")
     assert (tmp_path / "new" / "behaviour.png").stat().st_size > 10_000
+    over_time = tmp_path / "new" / "behaviour_episodes.png"
+    assert not over_time.exists()  # where nothing happened
+    made = entering(begin=0)
+    event = next(avoidance(made))
+    told = analysis._told(made, event, "seed=0") | {"series": series_of(made, event)}
+    report.plot(result | {"events": [told]}, tmp_path / "new" / "behaviour.png")
+    assert over_time.stat().st_size > 10_000
+
+
+def test_an_episode_over_time():
+    made = entering(begin=0)
+    event = Event("avoidance", 2.0, SLOT, SHOWN)
+    qpos = made.qpos.copy()
+    qpos[:, 2], qpos[:, DOF["head_tilt"]] = 0.01 * np.arange(STEPS), -0.3
+    series = series_of(replace(made, qpos=qpos), event)
+    assert set(LABELS) < set(series) and all(len(series[name]) == STEPS for name in LABELS)
+    assert series["time_s"][20] == 2.0 and series["heading_rad"][20] == 0.0
+    assert series["heading_rad"][30] == pytest.approx(0.1) and series["tilt_rad"][5] == -0.3
+    assert series["speed_m_s"][5] == pytest.approx(0.5)
+    np.testing.assert_allclose(series["distance_m"], made.distance(SLOT, made.qpos[:, :2]), atol=1e-4)
+    assert series["obstacle_m"] == [0.0, 0.4] and not series["floats"]
 
 
 @pytest.mark.parametrize(

@@ -152,15 +152,17 @@ def arm_clearance(trace: DriveTrace) -> Iterator[Event]:
     """(b) The hand passes under or over something that floats and that it would have hit `ARM_S` before.
 
     Passing at a height that it had anyway is "not needed"; a collision of arm, wrist or gripper with
-    something that floats is "failed". What else an episode fails by later does not count against it.
+    something that floats is "failed"; one of another part is neither. What else an episode fails by later
+    does not count.
     """
     hit = trace.hits[0] if trace.hits else None
     back = round(ARM_S / trace.period)
     for slot in trace.obstacles:
         if trace.level[slot] not in _FLOATING:
             continue
-        if hit is not None and hit[1] == slot and hit[0] in _ARM_PARTS:
-            yield Event("arm clearance", (trace.steps - 1) * trace.period, slot, FAILED)
+        if hit is not None and hit[1] == slot:
+            if hit[0] in _ARM_PARTS:
+                yield Event("arm clearance", (trace.steps - 1) * trace.period, slot, FAILED)
             continue
         passing = np.flatnonzero(trace.distance(slot, trace.hand[:, :2]) <= HAND_M)
         if not len(passing):
