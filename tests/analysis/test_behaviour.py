@@ -314,7 +314,7 @@ def test_report(result, tmp_path):
     over_time = tmp_path / "new" / "behaviour_episodes.png"
     assert not over_time.exists()  # where nothing happened
     made = entering(begin=0)
-    event = next(avoidance(made))
+    event = Event("avoidance", 2.0, SLOT, SHOWN)
     told = analysis._told(made, event, "seed=0") | {"series": series_of(made, event)}
     report.plot(result | {"events": [told]}, tmp_path / "new" / "behaviour.png")
     assert over_time.stat().st_size > 10_000
