@@ -9,14 +9,10 @@ from typing import Annotated, Any
 
 from spin_rl.cli import common
 from spin_rl.config import ConfigError, Range, from_keys
-from spin_rl.machine import num_cores
 from spin_rl.ranges import Minutes
 from spin_rl.reproduce.listing import progress
 from spin_rl.reproduce.plan import read_steps
-from spin_rl.reproduce.run import Runner
-
-_MOST_JOBS = 2
-"""The plan's minutes are those of two at a time; `jobs=` takes any number."""
+from spin_rl.reproduce.run import Runner, default_jobs
 
 
 @dataclass(frozen=True)
@@ -46,7 +42,7 @@ def reproduce(call: common.Call) -> bool:
     options = read_options(call.values)
     steps = read_steps(options.plan, options.runs)
     chosen = steps.chosen(options.only)
-    jobs = options.jobs or min(num_cores(), _MOST_JOBS)
+    jobs = options.jobs or default_jobs()
     print(progress(steps, chosen, jobs), flush=True)
     if not options.run:
         print("run=true runs what is missing")

@@ -9,8 +9,7 @@ from typing import Annotated
 from spin_rl.cli import common
 from spin_rl.config import Choice, ConfigError, from_keys
 from spin_rl.files import write_text
-from spin_rl.machine import num_cores
-from spin_rl.reproduce.run import Runner
+from spin_rl.reproduce.run import Runner, default_jobs
 from spin_rl.reproduce.tables import table as tables
 from spin_rl.reproduce.tables.page import open_stored, page
 from spin_rl.reproduce.tables.registry import ALL, TABLES
@@ -55,7 +54,7 @@ def _make(name: str, fresh: bool) -> Table:
     stored = open_stored(name)
     if fresh:
         TABLES[name](stored)
-        Runner(stored.steps, num_cores()).measure_again(stored.used)
+        Runner(stored.steps, default_jobs()).measure_again(stored.used)
         stored = open_stored(name)
     return TABLES[name](stored)
 

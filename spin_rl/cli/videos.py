@@ -83,7 +83,8 @@ def of_events(
             command += ["episodes=1", "samples=1", f"device={device}", f"video={path}"]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
-                raise ConfigError(f"videos: {path}: {done.stderr.strip().splitlines()[-1:]}")
+                said = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+                raise ConfigError(f"videos: {path}: {said[-1]}")
             yield path
 
 

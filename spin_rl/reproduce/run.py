@@ -14,6 +14,7 @@ from filelock import FileLock, Timeout
 
 from spin_rl.config import ConfigError
 from spin_rl.files import write_json
+from spin_rl.machine import num_cores
 from spin_rl.reproduce.child import Child, python, started
 from spin_rl.reproduce.estimate import duration, minutes_left, time_ahead
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training, is_alone
@@ -21,6 +22,8 @@ from spin_rl.reproduce.record import note_call, stored
 from spin_rl.reproduce.state import has_checkpoint, is_done, limits, result_file, state_of, state_of_run
 from spin_rl.runners.stop import StopRequest
 
+_MOST_JOBS = 2
+"""The plan's minutes are those of two at a time."""
 _LEAST_MINUTES = 1.0
 """With less time left, no training starts."""
 _PATIENCE_S = 120.0
@@ -28,6 +31,11 @@ _PATIENCE_S = 120.0
 _POLL_S = 0.2
 _REPORT_S = 180.0
 """Time between lines that tell how far those that run are."""
+
+
+def default_jobs() -> int:
+    """Steps at a time where nobody says how many: one a core, at most two."""
+    return min(num_cores(), _MOST_JOBS)
 
 
 def _say(line: str) -> None:
