@@ -15,7 +15,7 @@ from spin_rl.reproduce.tables.registry import PLANS
 from spin_rl.reproduce.tables.stored import Stored
 from spin_rl.runners.config import check_config
 from spin_rl.tasks.common.compose import compose, with_depth
-from spin_rl.tasks.nav.spec import NAV
+from spin_rl.tasks.registry import find_task
 
 SHIPPED = read_steps(compose("reproduce", ["plan=active_camera"])["plan"])
 TRAININGS = [step for step in SHIPPED.by_name.values() if isinstance(step, Training)]
@@ -121,17 +121,18 @@ def test_rows_margins_and_verdicts(steps):
 
 def test_fetches_stand_below_once_they_are_measured(steps):
     store_shuttle(steps, RATES)
-    for name, step in steps.by_name.items():
+    for name in steps.by_name:
         if name.startswith("active_camera_fetch/"):
-            held = "camera_pose" in " ".join(step.arguments)
-            row = {"episodes": 60, "success_rate": 0.5 if held else 0.9}
+            row = {"episodes": 60, "success_rate": 0.9 if "free" in name else 0.6 if "-1" in name else 0.4}
             store(
                 steps,
                 name,
                 {
                     "rows": [row],
+                    "seeds": [3],
+                    "num_envs": 60,
                     "overall": {"collision_rate": 0.1, "timeout_rate": 0.0},
-                    "camera_pose": [0.0, -0.7] if held else None,
+                    "camera_pose": None if "free" in name else [0.0, -0.7],
                     "policy": "nav-cvo",
                     "pick": "pick-detector",
                 },
@@ -139,10 +140,13 @@ def test_fetches_stand_below_once_they_are_measured(steps):
     with pytest.raises(ConfigError, match=r"only=active_camera_sight/fetch$"):
         active_camera.active_camera(Stored(steps, "active_camera"))
     store(steps, "active_camera_sight/fetch", SIGHT)
-    rows = active_camera.active_camera(Stored(steps, "active_camera")).rows[-4:]
-    assert [row[1] for row in rows] == ["free", *["held [0,-0.7]"] * 3]
-    # 54 and 30 of 60 by Newcombe's method; Wilson's intervals are 0.80-0.95 and 0.38-0.62.
-    assert rows[1][6] == "+0.40 (+0.24 to +0.53)"
+    made = active_camera.active_camera(Stored(steps, "active_camera"))
+    rows = made.rows[-4:]
+    assert [row[1] for row in rows] == ["free", *(f"{pose} [0,-0.7]" for pose in ("right", "aside", "ahead"))]
+    # 54 of 60 and 60 of 120 by Newcombe's method; Wilson's: 0.799-0.953 and 0.412-0.588.
+    assert rows[1][6] == "+0.40 (+0.27 to +0.50)" and rows[1][3] == "0.60 0.40"
+    assert rows[0][7] == "nav-cvo + pick-detector" and "fetch_pick_right-2" in rows[1][7]
+    assert made.claims[-1].verdict == "met" and made.claims[-1].trainings == pytest.approx((0.3, 0.5))
 
 
 def test_scenes_are_paired_and_trainings_averaged():
@@ -193,10 +197,12 @@ def test_what_is_missing_is_one_line_with_its_command(steps):
 def test_every_training_can_be_started(step):
     values = with_depth(compose("train", [*SHIPPED.arguments(step), f"seed={step.seed}"]))
     common.check_keys("train", values, common.keys_of(train.Options, common.GROUPS))
-    task = NAV.configure(values)
-    check_config(values["runner"], NAV.groups, values["num_envs"])
+    spec = find_task(values["task"]["name"])
+    task = spec.configure(values)
+    check_config(values["runner"], spec.groups, values["num_envs"])
     held = values["runner"]["actor"]["distribution_cfg"].get("num_used") == 8
-    assert held == (task.camera_pose is not None) and task.sim.kinematic
+    assert held == (task.camera_pose is not None)
+    assert task.sim.kinematic or spec.name == "pick"
 
 
 def test_trainings_of_a_kind_of_places_differ_in_the_camera_alone():

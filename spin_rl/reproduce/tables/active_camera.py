@@ -12,14 +12,14 @@ from spin_rl.benchmark.metrics import mean_interval
 from spin_rl.reproduce.plan import Training
 from spin_rl.reproduce.state import read_result
 from spin_rl.reproduce.tables.notes import budget_note
-from spin_rl.reproduce.tables.rates import Rate, difference
+from spin_rl.reproduce.tables.rates import difference
 from spin_rl.reproduce.tables.stored import Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table
 
 KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
 """Kinds of results: of trainings, of the freeze test, of the screening."""
 FETCH = "active_camera_fetch"
-"""Kind of results of whole fetches by shipped policies, one with the camera free and others with it held."""
+"""Kind of results of whole fetches, one by shipped policies with the camera free and others with it held."""
 LEARN, LEARN_IN = "learn", "shuttle"
 """The group of trainings that learn in other ways, and the one whose free camera they are compared with."""
 WANTED = 0.15
@@ -72,9 +72,8 @@ def active_camera(stored: Stored) -> Table:
             frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
             rows.append(_frozen_row(group, frozen))
             notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
-    fetches = _fetch_rows(stored)
-    rows += fetches
-    if fetches:
+    if (fetches := _add_fetches(stored, rows, margins)) is not None:
+        every.append(fetches)
         notes.append(_bound("fetch", stored.result(f"{SIGHT}/fetch")))
     return Table(
         "active_camera",
@@ -122,32 +121,45 @@ def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> N
     stored.refuse_missing()
 
 
-def _fetch_rows(stored: Stored) -> list[tuple[str, ...]]:
-    """Whole fetches of policies that were not trained for the pose, none where nobody has begun them."""
+def _add_fetches(stored: Stored, rows: list[tuple[str, ...]], margins: list[Margin]) -> Measured | None:
+    """Add whole fetches, camera free and held; return the latter's results, None where nobody began them."""
     names = [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
     if all(read_result(name) is None for name in names):
-        return []
-    free = Rate.of(stored.result(f"{FETCH}/free")["result"]["rows"])
-    lines = []
-    for name in names:
-        found = stored.result(name)["result"]
-        rate = Rate.of(found["rows"])
-        mean, low, high = difference(free, rate)
-        overall = found["overall"]
-        pose = found["camera_pose"]
-        lines.append(
-            (
-                "fetch, not trained so",
-                "free" if pose is None else f"held [{pose[0]:g},{pose[1]:g}]",
-                rate.text(),
-                "-",
-                f"{overall['collision_rate']:.2f}",
-                f"{overall['timeout_rate']:.2f}",
-                "-" if pose is None else f"{mean:+.2f} ({low:+.2f} to {high:+.2f})",
-                f"{found['policy']} + {found['pick']}",
-            )
+        return None
+    free = Measured("free", (stored.result(f"{FETCH}/free"),))
+    held = dict.fromkeys(name.partition("/")[2].rpartition("-")[0] for name in names)
+    trained = [stored.of_trainings(FETCH, name) for name in held if name]
+    refuse_other_scenes("fetches", [result for method in (free, *trained) for result in method.results])
+    rows.append(_fetch_row("free", free, None))
+    for method in trained:
+        mean, low, high = difference(free.rate(), method.rate())
+        pairs = [free.rate().value - rate.value for rate in method.rates()]
+        margin = Margin(
+            f"free over {method.name} in fetches", mean, low, high, (min(pairs), max(pairs)), None, WANTED
         )
-    return lines
+        pan, tilt = method.results[0]["result"]["camera_pose"]
+        rows.append(_fetch_row(f"{method.name} [{pan:g},{tilt:g}]", method, margin))
+        margins.append(margin)
+    return Measured("fetches", tuple(result for method in trained for result in method.results))
+
+
+def _fetch_row(camera: str, method: Measured, margin: Margin | None) -> tuple[str, ...]:
+    overall = [result["result"]["overall"] for result in method.results]
+
+    def mean(key: str) -> str:
+        return f"{sum(values[key] for values in overall) / len(overall):.2f}"
+
+    first = method.results[0]["result"]
+    return (
+        "fetch",
+        camera,
+        method.rate().text(),
+        " ".join(f"{rate.value:.2f}" for rate in method.rates()),
+        mean("collision_rate"),
+        mean("timeout_rate"),
+        "-" if margin is None else f"{margin.ours:+.2f} ({margin.low:+.2f} to {margin.high:+.2f})",
+        method.steps or f"{first['policy']} + {first['pick']}",
+    )
 
 
 def _is_held(method: Measured) -> bool:
