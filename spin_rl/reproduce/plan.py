@@ -240,7 +240,7 @@ def _steps_of(group: Group, budgets: Mapping[str, Budget], where: str) -> Iterab
             raise ConfigError(f"{where}: unknown budget {entry.budget!r}; choose from {', '.join(budgets)}")
         budget = budgets[entry.budget]
         for seed in entry.seeds:
-            arguments = (*budget.arguments, *(_of_seed(given, seed) for given in entry.arguments))
+            arguments = tuple(_of_seed(given, seed) for given in (*budget.arguments, *entry.arguments))
             name = f"{entry.name}-{seed}"
             trainings.append(
                 Training(name, arguments, seed, budget.env_steps, budget.minutes, group.claim, group.name)

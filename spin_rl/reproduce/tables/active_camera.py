@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from spin_rl.benchmark.metrics import mean_interval
-from spin_rl.reproduce.plan import Training
 from spin_rl.reproduce.state import read_result
 from spin_rl.reproduce.tables.notes import budget_note
 from spin_rl.reproduce.tables.rates import difference
@@ -98,10 +97,10 @@ def _groups(stored: Stored) -> dict[str, list[str]]:
     names: dict[str, list[str]] = {}
     begun = set()
     for step in stored.steps.by_name.values():
-        if isinstance(step, Training):
-            names.setdefault(step.group, []).append(step.name.rpartition("-")[0])
-        elif step.name.startswith(f"{KIND}/") and read_result(step.name) is not None:
-            begun.add(step.group)
+        if step.name.startswith(f"{KIND}/"):
+            names.setdefault(step.group, []).append(step.name.partition("/")[2].rpartition("-")[0])
+            if read_result(step.name) is not None:
+                begun.add(step.group)
     chosen = {group: list(dict.fromkeys(found)) for group, found in names.items()}
     return {group: found for group, found in chosen.items() if group in begun} or dict([*chosen.items()][:1])
 
