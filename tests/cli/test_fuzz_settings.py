@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spin_rl.cli import bench, common, distill, evaluate, play, refusals, run_folder, train
+from spin_rl.cli import bench, common, distill, evaluate, measurement, play, refusals, run_folder, train
 from spin_rl.tasks.common.compose import compose
 
 COMMANDS = {
@@ -27,7 +27,7 @@ COMMANDS = {
 KEYS = {
     "train": common.keys_of(train.Options, common.GROUPS),
     "distill": common.keys_of(distill.Options, common.GROUPS - {"algo"}),
-    "eval": common.keys_of(evaluate.Options, common.TASK_GROUPS),
+    "eval": common.keys_of(measurement.Options, common.TASK_GROUPS),
     "play": common.keys_of(play.Options, common.TASK_GROUPS),
     "bench": common.keys_of(bench.Options, common.GROUPS | {"teacher"}),
 }

@@ -5,7 +5,7 @@ import json
 import pytest
 from stored_results import MACHINE, rows_of
 
-from spin_rl.cli import common, evaluate, train
+from spin_rl.cli import common, evaluate, measurement, train
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
 from spin_rl.reproduce.listing import progress
@@ -110,7 +110,7 @@ def test_benchmarks_of_the_shipped_plan_have_their_episodes(kind):
         if step.name.startswith(f"{kind}/"):
             task = ["task=fetch"] if kind == "fetch" else []
             given = [*task, *SHIPPED.arguments(step)]
-            options = evaluate.read_options(common.Call(compose("eval", given), given))
+            options = measurement.read_options(common.Call(compose("eval", given), given))
             assert options.benchmark.name == kind
             assert options.episodes * len(options.seeds) == {"dynamic": 300, "fetch": 30}[kind]
 
