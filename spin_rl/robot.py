@@ -201,8 +201,8 @@ SPEED_PROFILES: Mapping[str, SpeedProfile] = MappingProxyType(
     {
         # Faster than the stock robot: the paper gives no limits, so these are this project's choice.
         "paper": SpeedProfile(0.8, 0.1, 1.5, 2.0, (0.4, 0.5, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
-        # As fast backwards as ahead, for scenes in which the robot cannot turn round.
-        "reversing": SpeedProfile(0.8, 0.8, 1.5, 2.0, (0.4, 0.5, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
+        # As fast backwards as ahead, for scenes in which the robot cannot turn round; slow enough to look.
+        "reversing": SpeedProfile(0.4, 0.4, 1.5, 2.0, (0.4, 0.5, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
         # The stock robot's.
         "re1": SpeedProfile(0.3, 0.1, 1.0, 0.4, (0.15, 0.3, 3.0, 3.0, 4.5, 1.5, 7.0, 6.0)),
     }

@@ -39,18 +39,20 @@ def test_the_goal_behind_counts_after_the_one_ahead(make_nav_env):
     cfg = NavConfig(robot_profile="reversing", episode_s=8.0)
     env = make_nav_env(cfg, num_envs=1, scene=there_and_back(1.0, -0.6))
     assert env.goal.numpy(force=True).tolist() == [[1.0, 0.0]]
-    record = drive(env, [1.0] * 13 + [-1.0] * 60)
+    record = drive(env, [1.0] * 25 + [-1.0] * 60)
     goals = np.array([goal[0, 0] for goal, *_ in record])
     arrived = int(np.argmax(goals < 0.0))
     assert (
-        (goals[:arrived] == 1.0).all() and 0 < arrived < 14 and (goals[arrived:-1] == np.float32(-0.6)).all()
+        (goals[:arrived] == 1.0).all() and 0 < arrived < 26 and (goals[arrived:-1] == np.float32(-0.6)).all()
     )
     assert record[arrived][1].tolist() == [0]  # the first goal ends nothing
     assert record[-1][2].tolist() == [SUCCESS]
     assert env.final_way[0] == pytest.approx(1.0 + 1.6, abs=1e-5)
     # Progress is towards the goal of that moment; nothing jumps where it changes.
     progress = np.array([step[3][0] for step in record])
-    assert (progress[2:arrived] > 0.0).all() and (progress[-3:] > 0.0).all() and np.abs(progress).max() < 0.09
+    assert (
+        (progress[2:arrived] > 0.0).all() and (progress[-3:] > 0.0).all() and np.abs(progress).max() < 0.045
+    )
     # What is observed is the goal behind, in the base frame, as soon as it counts.
     assert record[arrived - 1][4][0, 0] > 0.0 and record[arrived][4][0, 0] < -0.5
     # The next episode begins with the first goal again.
@@ -58,11 +60,11 @@ def test_the_goal_behind_counts_after_the_one_ahead(make_nav_env):
 
 
 def test_the_goal_behind_alone_ends_nothing(make_nav_env):
-    cfg = NavConfig(robot_profile="reversing", episode_s=2.5)
+    cfg = NavConfig(robot_profile="reversing", episode_s=5.0)
     env = make_nav_env(cfg, num_envs=1, scene=there_and_back(1.0, -0.6))
-    assert drive(env, [-0.5] * 25)[-1][2].tolist() == [TIMEOUT]
+    assert drive(env, [-0.5] * 50)[-1][2].tolist() == [TIMEOUT]
     alone = make_nav_env(cfg, num_envs=1, scene=there_and_back(1.0, -0.6, has_via=False))
-    assert drive(alone, [-0.5] * 25)[-1][2].tolist() == [SUCCESS]
+    assert drive(alone, [-0.5] * 50)[-1][2].tolist() == [SUCCESS]
 
 
 def test_the_paper_s_robot_reverses_slowly(make_nav_env):
@@ -72,4 +74,4 @@ def test_the_paper_s_robot_reverses_slowly(make_nav_env):
         env = make_nav_env(NavConfig(robot_profile=profile), num_envs=1, scene=there_and_back(3.0, -3.0))
         drive(env, [-1.0] * 20)
         ways[profile] = -float(env.sim.views.qpos[0, 0])
-    assert ways["paper"] < 0.2 and ways["reversing"] > 1.2
+    assert ways["paper"] < 0.2 and ways["reversing"] > 0.6
