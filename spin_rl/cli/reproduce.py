@@ -44,6 +44,10 @@ def reproduce(call: common.Call) -> bool:
     chosen = steps.chosen(options.only)
     jobs = options.jobs or default_jobs()
     print(progress(steps, chosen, jobs), flush=True)
+    if options.again:
+        print(
+            f"again=true measures these again, and trains what has no whole run in {options.runs}", flush=True
+        )
     if not options.run:
         print("run=true runs what is missing")
         return False

@@ -99,7 +99,7 @@ def _train(
             runner.alg,
             start,
             Camera.of(env),
-            camera_is_frozen=task.camera_pose is not None,
+            camera_pose=task.camera_pose,
             critic=_rewards_alike(start.config, values),
         )
         if common.is_main_process():

@@ -26,7 +26,7 @@ _DRIVES = (
 _RESULTS: Mapping[str, tuple[str, ...]] = {
     **{kind: ("seeds", "commit", "num_envs") for kind in ("reach", "map_none", "map_small", "map_large")},
     "dynamic": ("seeds", "num_envs"),
-    "fetch": ("overall", "pick"),
+    "fetch": ("overall", "pick", "seeds", "num_envs"),
 }
 """Kind of results -> what tables read of one."""
 _ROWS: Mapping[str, tuple[str, ...]] = {

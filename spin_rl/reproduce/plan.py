@@ -159,6 +159,11 @@ class Steps:
         """Folder of a training's run."""
         return self.runs / training
 
+    def command(self, rest: str) -> str:
+        """Command line of spin-reproduce for this plan."""
+        plan = "" if self.plan == PAPER else f"plan={self.plan} "
+        return f"spin-reproduce {plan}{rest}"
+
     def needs(self, step: Step) -> list[str]:
         """Name the trainings that a step needs."""
         return [name for argument in step.arguments for name in _NAME.findall(argument)]

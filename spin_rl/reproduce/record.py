@@ -8,7 +8,7 @@ from typing import Any
 
 from spin_rl.machine import commit, hardware
 from spin_rl.reproduce.curve import read_curve
-from spin_rl.reproduce.plan import Evaluation, Steps, Training
+from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
 from spin_rl.reproduce.state import calls_file, command_of, planned, read_calls
 
 
@@ -21,14 +21,13 @@ def stored(steps: Steps, step: Evaluation, result: dict[str, Any], minutes: floa
         result: What the command wrote.
         minutes: What it took.
     """
-    trainings = [steps.by_name[name] for name in steps.needs(step)]
     return {
         "command": command_of(steps, step),
         "step": planned(step),
         "commit": commit(),
         "hardware": hardware(result.get("device", "cpu")),
         "minutes": round(minutes, 2),
-        "trainings": [describe(steps, training) for training in trainings if isinstance(training, Training)],
+        "trainings": _needed(steps, step),
         "result": result,
     }
 
@@ -46,12 +45,14 @@ def describe(steps: Steps, step: Training) -> dict[str, Any]:
         "commits": list(dict.fromkeys(call["commit"] for call in calls)),
         "hardware": calls[-1]["hardware"],
         "curve": read_curve(run_dir),
-        "needs": [
-            describe(steps, other)
-            for other in (steps.by_name[name] for name in steps.needs(step))
-            if isinstance(other, Training)
-        ],
+        # Noted when it began: the runs that it was started from may be gone by now.
+        "needs": calls[-1].get("needs") or _needed(steps, step),
     }
+
+
+def _needed(steps: Steps, step: Step) -> list[dict[str, Any]]:
+    needed = [steps.by_name[name] for name in steps.needs(step)]
+    return [describe(steps, training) for training in needed if isinstance(training, Training)]
 
 
 def note_call(steps: Steps, step: Training, arguments: Sequence[str]) -> None:
@@ -63,6 +64,7 @@ def note_call(steps: Steps, step: Training, arguments: Sequence[str]) -> None:
         "arguments": list(arguments),
         "commit": commit(),
         "hardware": hardware("cpu"),
+        "needs": _needed(steps, step),
     }
     with open(file, "a") as lines:
         lines.write(json.dumps(call) + "\n")

@@ -93,7 +93,7 @@ class Runner:
                 if not self._has_own_run(self.steps.by_name[name]):
                     raise ConfigError(
                         f"fresh: {step.name} needs {self.steps.run_dir(name)}, whole and as planned: "
-                        f"spin-reproduce run=true again=true only={step.name}"
+                        f"{self.steps.command(f'run=true again=true only={step.name}')}"
                     )
         self._work(chosen, again=True)
 
@@ -186,7 +186,7 @@ class Runner:
         arguments += [f"seed={step.seed}", f"run_dir={run_dir}"]
         if has_checkpoint(run_dir):
             arguments = [f"resume={run_dir}"]
-        arguments += limits(self.steps, step)
+        arguments += limits(step)
         note_call(self.steps, step, arguments)
         return python("train", arguments)
 
@@ -194,7 +194,7 @@ class Runner:
         """Take note of what a step that has ended leaves behind; `asked` if it was asked to end."""
         self._running.remove(child)
         step, status = child.step, child.process.returncode
-        whole = self._keep(step, child) if isinstance(step, Evaluation) else is_done(self.steps, step)
+        whole = self._keep(step, child) if isinstance(step, Evaluation) else self._has_own_run(step)
         child.lock.release()
         if whole:
             success = state_of(self.steps, step).success

@@ -94,20 +94,21 @@ def command_of(steps: Steps, step: Step) -> str:
     """The command line of a step as a user would type it."""
     given = steps.arguments(step)
     if isinstance(step, Training):
-        given += [f"seed={step.seed}", f"run_dir={steps.run_dir(step.name)}", *limits(steps, step)]
+        given += [f"seed={step.seed}", f"run_dir={steps.run_dir(step.name)}", *limits(step)]
     tool = "train" if isinstance(step, Training) else step.command
     return " ".join([f"spin-{tool}", *map(_quoted, given)])
 
 
-def limits(steps: Steps, step: Training) -> list[str]:
+def limits(step: Training) -> list[str]:
     """Arguments that end a training with its samples.
 
     There is no limit of time: schedules of the learning would go by it.
     """
-    return [
-        f"max_iterations={iterations(tuple(steps.arguments(step)), step.env_steps)}",
-        "max_minutes=null",
-    ]
+    given = [(given, given.partition("=")[0]) for given in step.arguments]
+    # Every composition takes a tenth of a second, and a key of another group changes nothing but itself.
+    known = tuple(given for given, key in given if "." not in key or key == "runner.num_steps_per_env")
+    chosen = tuple(given for given in known if not given.startswith(("init=", "teacher=")))
+    return [f"max_iterations={iterations(chosen, step.env_steps)}", "max_minutes=null"]
 
 
 @lru_cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from spin_rl.models import ScandotModel
 from spin_rl.policy import find_policy
@@ -15,12 +15,18 @@ from spin_rl.runners.ppo.algorithm import PPO
 
 
 def warm_start(
-    algorithm: PPO, source: TrainedPolicy, camera: Camera, camera_is_frozen: bool = False, critic: bool = True
+    algorithm: PPO,
+    source: TrainedPolicy,
+    camera: Camera,
+    camera_pose: Sequence[float] | None = None,
+    critic: bool = True,
 ) -> str:
     """Copy what fits of another policy into new models; what is new starts without effect.
 
     The actor then acts as the source does wherever both see the same, except that a camera which the
-    source never moved starts at action zero, and its pose without effect. Inputs are matched by group:
+    source never moved starts at action zero, and its pose without effect; so does the pose of one that is now
+    held where the source's was not, since a constant tells nothing and may be one that was never trained
+    with. Inputs are matched by group:
     `scandots_all` of the source becomes `scandots` where the new actor reads only these, and the other way
     round; where it reads `depth` instead, the latent of a new encoder takes the place of the source's, or of
     its `object`.
@@ -30,7 +36,7 @@ def warm_start(
         algorithm: Algorithm with new models.
         source: The policy to start from.
         camera: The environment's camera.
-        camera_is_frozen: Whether the new actor's camera does not move either.
+        camera_pose: Where the environment holds it, pan and tilt [rad]; None where it moves.
         critic: Also copy the critic, where the source is a checkpoint whose critic fits.
 
     Returns:
@@ -39,9 +45,8 @@ def warm_start(
     Raises:
         ValueError: The actor cannot be mapped; one line that names what differs.
     """
-    drops_camera = camera_was_frozen(source) and not camera_is_frozen
+    unlearned = _unlearned(camera, source, camera_pose)
     try:
-        unlearned = camera if drops_camera else Camera()
         notes = copy_model(algorithm.actor, source.build(), unlearned, camera.actions)
     except ValueError as error:
         raise ValueError(f"init: {source.name} cannot start the actor: {error}") from None
@@ -50,7 +55,7 @@ def warm_start(
         return f"{line}; critic: new, its reward is another"
     try:
         model = _load_critic(source.name)
-        notes = copy_model(algorithm.critic, model, camera if drops_camera else Camera())
+        notes = copy_model(algorithm.critic, model, unlearned)
     except ValueError as error:
         notes = f"new, {error}"
     return f"{line}; critic: {notes}"
@@ -58,8 +63,20 @@ def warm_start(
 
 def camera_was_frozen(policy: TrainedPolicy) -> bool:
     """Tell whether a policy's camera was held at a pose in training."""
+    return _pose_of(policy) is not None
+
+
+def _pose_of(policy: TrainedPolicy) -> Sequence[float] | None:
     task = policy.config.get("task")
-    return isinstance(task, Mapping) and task.get("camera_pose") is not None
+    return task.get("camera_pose") if isinstance(task, Mapping) else None
+
+
+def _unlearned(camera: Camera, source: TrainedPolicy, pose: Sequence[float] | None) -> Camera:
+    """What of a camera the source has not learned, or has learned in vain where it is held at a pose."""
+    before = _pose_of(source)
+    if pose is None:
+        return Camera() if before is None else camera
+    return Camera() if before is not None and list(before) == list(pose) else Camera(columns=camera.columns)
 
 
 def _load_critic(source: str) -> ScandotModel:

@@ -92,7 +92,7 @@ def test_iterations_give_at_least_the_samples():
     for name in ("cvo-1", "dvo-1", "direct_depth-1"):
         step = SHIPPED.by_name[name]
         per_iteration = 512 * 32
-        count = int(state.limits(SHIPPED, step)[0].removeprefix("max_iterations="))
+        count = int(state.limits(step)[0].removeprefix("max_iterations="))
         assert (count - 1) * per_iteration < step.env_steps <= count * per_iteration
 
 

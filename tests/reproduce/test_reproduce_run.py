@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import shutil
 
 import pytest
 
@@ -80,6 +81,33 @@ def test_a_row_again_from_results_alone_and_into_another_folder(make_runner, tmp
         assert [tool for tool, _ in runner.calls] == tools
     kept = state.read_result("reach/a-2")
     assert kept["result"]["policy"] == str(tmp_path / "mine" / "a-2")
+
+
+def test_a_training_that_fails_is_not_done_by_a_result_of_before(make_runner, tmp_path):
+    make_runner().run(make_runner.all)
+    make_runner.steps = read_steps(make_runner.plan, tmp_path / "mine")
+    runner = make_runner({"a-2": "fails"})
+    with pytest.raises(ConfigError, match=r"^run: a-2 ended with status 3, see .*a-2.log"):
+        runner.run_again(make_runner.steps.chosen(["reach/a-2"]))
+    assert [tool for tool, _ in runner.calls] == ["train"]
+
+
+def test_what_a_run_was_started_from_may_be_gone(make_runner):
+    group = make_runner.plan["groups"][0]
+    trainings = [dict(entry) for entry in group["trainings"]]
+    trainings[1].pop("evaluate")
+    make_runner.steps = read_steps(
+        make_runner.plan | {"groups": [group | {"trainings": trainings}]}, make_runner.steps.runs
+    )
+    steps = make_runner.steps
+    make_runner().run([steps.by_name[name] for name in ("a-1", "b-1", "reach/a-1")])
+    shutil.rmtree(steps.run_dir("a-1"))
+    runner = make_runner()
+    assert runner.run([steps.by_name["reach/b-1"]])
+    (made,) = state.read_result("reach/b-1")["trainings"]
+    assert [needed["name"] for needed in made["needs"]] == ["a-1"] and made["needs"][0][
+        "env_steps"
+    ] == 100_000
 
 
 def test_commands_that_are_told_are_those_that_are_run(make_runner):

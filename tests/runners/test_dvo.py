@@ -190,6 +190,25 @@ def test_student_learns_to_act_as_the_teacher(teacher, tmp_path):
     assert results["paper"][-1] < 0.7 * results["paper"][0]
 
 
+@pytest.mark.parametrize("held_before", [True, False])
+def test_a_camera_that_is_held_elsewhere_starts_without_effect(teacher, tmp_path, held_before):
+    """A constant pose that was never trained with must not count against it."""
+    env = CameraEnv()
+    source = read_policy(teacher)
+    pose = source.config["task"]["camera_pose"] if held_before else [3.0, -1.0]
+    runner = PPORunner(env, phase_1b(teacher), tmp_path)
+    warm_start(runner.alg, source, Camera.of(env), camera_pose=pose, critic=False)
+    obs = env.get_observations().clone()
+    told = []
+    for value in (0.0, 7.0):
+        for group, columns in env.camera_columns.items():
+            obs[group][:, list(columns)] = value
+        with torch.no_grad():
+            told.append(runner.alg.actor(obs).clone())
+        runner.alg.actor.reset()
+    assert torch.equal(*told) != held_before
+
+
 def test_warm_started_student_starts_as_the_teacher_and_is_a_policy(teacher, tmp_path):
     env = CameraEnv()
     runner = PPORunner(env, phase_1b(teacher), tmp_path)

@@ -35,13 +35,16 @@ class Margin(Claim):
     @property
     def verdict(self) -> str:
         """Whether that is enough."""
-        if self.low > 0.0:
-            return "met" if self.ours >= self.wanted else "better, by less than wanted"
-        return "the other way round" if self.high < 0.0 else "no difference shown"
+        if self.low <= 0.0 <= self.high:
+            return "no difference shown"
+        if self.high < 0.0:
+            return self.qualified("the other way round")
+        return self.qualified("met" if self.ours >= self.wanted else "better, by less than wanted")
 
     def line(self) -> str:
         """All of it in a line."""
-        low, high = self.trainings or (self.ours, self.ours)
+        assert self.trainings is not None
+        low, high = self.trainings
         return (
             f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; between trainings "
             f"{low:+.2f} to {high:+.2f}), wanted {self.wanted:+.2f}: {self.verdict}"
@@ -125,9 +128,13 @@ def _add_fetches(stored: Stored, rows: list[tuple[str, ...]], margins: list[Marg
     names = [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
     if all(read_result(name) is None for name in names):
         return None
-    free = Measured("free", (stored.result(f"{FETCH}/free"),))
+    found = stored.find(f"{FETCH}/free")
     held = dict.fromkeys(name.partition("/")[2].rpartition("-")[0] for name in names)
-    trained = [stored.of_trainings(FETCH, name) for name in held if name]
+    trained = [stored.measured(FETCH, name) for name in held if name]
+    stored.find(f"{SIGHT}/fetch")
+    stored.refuse_missing()
+    assert found is not None
+    free = Measured("free", (found,))
     refuse_other_scenes("fetches", [result for method in (free, *trained) for result in method.results])
     rows.append(_fetch_row("free", free, None))
     for method in trained:

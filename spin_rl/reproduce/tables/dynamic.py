@@ -79,7 +79,7 @@ def dynamic(stored: Stored) -> Table:
             "the classical stack drives at up to 0.6 m/s by a lidar, with errors of odometry, start and "
             "execution, and was tuned elsewhere",
             "an episode has 10 s and three times the time of its way at 0.8 m/s; with 60 s of slack the "
-            "classical stack has time for its detours, and the claims are against that",
+            "classical stack has time for its detours",
             "samples and times of the shipped policies' trainings: `policies/nav-room.md`, "
             "`policies/nav-cvo.md`; the classical stack learns nothing",
         ),

@@ -9,7 +9,7 @@ from spin_rl.benchmark.tables.paper import PICK, PLACE
 from spin_rl.reproduce.tables.corridors import CELLS, THEIRS
 from spin_rl.reproduce.tables.notes import budget_note, known
 from spin_rl.reproduce.tables.rates import Rate
-from spin_rl.reproduce.tables.stored import Cell, Measured, Stored
+from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 
 _METHODS = {"NoPointNet": "nopointnet", "SPIN (DVO)": "dvo", "SPIN (CVO)": "cvo"}
@@ -34,6 +34,7 @@ def place(stored: Stored) -> Table:
             about = {"method": label, "part": part, "paper_success_rate": figure, "trainings": method.steps}
             records.append(about | _figures(rate))
     results = [result for method in methods.values() for result in method.results]
+    refuse_other_scenes("fetches", results)
     picks = sorted({kept["result"]["pick"] for kept in results})
     machines = sorted({kept["hardware"] for kept in results})
     return Table(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from spin_rl.reproduce.plan import PAPER, Evaluation, Steps
+from spin_rl.reproduce.plan import Evaluation, Steps
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,7 @@ class Missing:
             parts.append(stem if len(alike) > 1 and set(alike) <= set(names) else name)
         parts = list(dict.fromkeys(parts))
         only = f"only={parts[0]}" if len(parts) == 1 else f"'only=[{','.join(parts)}]'"
-        plan = "" if steps.plan == PAPER else f"plan={steps.plan} "
-        return cls(names, f"spin-reproduce {plan}run=true {only}")
+        return cls(names, steps.command(f"run=true {only}"))
 
     def text(self) -> str:
         """How much is missing."""

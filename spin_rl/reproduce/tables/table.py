@@ -23,6 +23,8 @@ Kind = Literal["more", "alike", "disputed"]
 """What the paper claims of a difference: that there is one, that there is none, or both in two places."""
 _ALIKE = 0.10
 """Differences below this are none."""
+ON_AVERAGE = " on average, not between all trainings"
+"""What is added to a verdict that not all pairs of trainings bear out."""
 
 
 @dataclass(frozen=True)
@@ -55,28 +57,35 @@ class Claim:
         """What the measurement says of it."""
         if self.kind == "alike":
             return self._verdict_of_alike()
-        if self.high < 0.0:
-            return "the other way round" if self.kind == "more" else "as the table says, against the text"
-        if self.low <= 0.0:
+        if self.low <= 0.0 <= self.high:
             return "no difference shown"
+        is_better = self.low > 0.0
         if self.kind == "disputed":
-            return "as the text says, against the table"
-        if self.ours < self.wanted:
-            return "same direction, less of it"
-        if self.trainings is not None and self.trainings[0] <= 0.0:
-            return "reproduced on average, not between all trainings"
-        return "reproduced"
+            told = (
+                "as the text says, against the table" if is_better else "as the table says, against the text"
+            )
+        elif is_better:
+            told = "reproduced" if self.ours >= self.wanted else "same direction, less of it"
+        else:
+            told = "the other way round"
+        return self.qualified(told)
+
+    def qualified(self, verdict: str) -> str:
+        """A verdict, and whether it holds on average alone."""
+        low, high = self.trainings or (self.ours, self.ours)
+        return verdict if low > 0.0 or high < 0.0 else f"{verdict}{ON_AVERAGE}"
 
     def _verdict_of_alike(self) -> str:
         if -_ALIKE < self.low and self.high < _ALIKE:
-            return "reproduced"
+            far = max(map(abs, self.trainings or (0.0,)))
+            return "reproduced" if far < _ALIKE else f"reproduced{ON_AVERAGE}"
         if self.low <= 0.0 <= self.high:
             return "neither a difference nor its absence shown"
         return "better" if self.ours > 0.0 else "worse"
 
     def line(self) -> str:
         """All of it in a line."""
-        between = "one training each"
+        between = "no pairs of trainings"
         if self.trainings is not None:
             between = "between trainings {:+.2f} to {:+.2f}".format(*self.trainings)
         paper = "not given" if self.paper is None else f"{self.paper:+.2f}"
