@@ -36,10 +36,16 @@ _ROWS: Mapping[str, tuple[str, ...]] = {
     "speed": ("name", "value", "baseline_value"),
 }
 """Kind of results -> what tables read of each of its rows."""
-_CORRIDORS = ("scenario", "difficulty"), tuple(product(SCENARIOS, DIFFICULTIES))
+CORRIDORS: tuple[tuple[int, str], ...] = tuple(product(SCENARIOS, DIFFICULTIES))
+"""The cells of the reach benchmark and of fetches: scenario and difficulty."""
+CONDITIONS: tuple[tuple[str, str], ...] = tuple(product(("lab", "study"), ("static", "dynamic")))
+"""Those of the benchmark with obstacles that move: scene and obstacles."""
 _PLACES: Mapping[str, tuple[tuple[str, ...], tuple[tuple[Any, ...], ...]]] = {
-    **{kind: _CORRIDORS for kind in ("reach", "map_none", "map_small", "map_large", "fetch")},
-    "dynamic": (("scene", "obstacles"), tuple(product(("lab", "study"), ("static", "dynamic")))),
+    **{
+        kind: (("scenario", "difficulty"), CORRIDORS)
+        for kind in ("reach", "map_none", "map_small", "map_large", "fetch")
+    },
+    "dynamic": (("scene", "obstacles"), CONDITIONS),
 }
 """Kind of results -> keys that name a row, and the rows that there must be."""
 

@@ -45,8 +45,7 @@ def describe(steps: Steps, step: Training) -> dict[str, Any]:
         "commits": list(dict.fromkeys(call["commit"] for call in calls)),
         "hardware": calls[-1]["hardware"],
         "curve": read_curve(run_dir),
-        # Noted when it began: the runs that it was started from may be gone by now.
-        "needs": calls[-1].get("needs") or _needed(steps, step),
+        "needs": calls[0].get("needs") or _needed(steps, step),
     }
 
 
@@ -58,13 +57,15 @@ def _needed(steps: Steps, step: Step) -> list[dict[str, Any]]:
 def note_call(steps: Steps, step: Training, arguments: Sequence[str]) -> None:
     """Add a line to the run's list of the calls that made it, with what was planned, commit and machine."""
     file = calls_file(steps.run_dir(step.name))
+    before = read_calls(steps.run_dir(step.name))
     file.parent.mkdir(parents=True, exist_ok=True)
     call = {
         "step": planned(step),
         "arguments": list(arguments),
         "commit": commit(),
         "hardware": hardware("cpu"),
-        "needs": _needed(steps, step),
+        # Of the begin: the runs that it was started from may be gone later.
+        "needs": [] if before else _needed(steps, step),
     }
     with open(file, "a") as lines:
         lines.write(json.dumps(call) + "\n")

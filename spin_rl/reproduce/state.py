@@ -104,11 +104,14 @@ def limits(step: Training) -> list[str]:
 
     There is no limit of time: schedules of the learning would go by it.
     """
-    given = [(given, given.partition("=")[0]) for given in step.arguments]
-    # Every composition takes a tenth of a second, and a key of another group changes nothing but itself.
-    known = tuple(given for given, key in given if "." not in key or key == "runner.num_steps_per_env")
-    chosen = tuple(given for given in known if not given.startswith(("init=", "teacher=")))
-    return [f"max_iterations={iterations(chosen, step.env_steps)}", "max_minutes=null"]
+    # A composition takes a tenth of a second; a dotted key changes nothing but itself, and weights no sizes.
+    that_matter = tuple(
+        argument
+        for argument in step.arguments
+        if "." not in (key := argument.partition("=")[0]) or key == "runner.num_steps_per_env"
+        if key not in ("init", "teacher")
+    )
+    return [f"max_iterations={iterations(that_matter, step.env_steps)}", "max_minutes=null"]
 
 
 @lru_cache

@@ -11,6 +11,7 @@ from spin_rl.config import ConfigError
 from spin_rl.reproduce import child, state
 from spin_rl.reproduce.curve import POINTS, shorten
 from spin_rl.reproduce.plan import read_steps
+from spin_rl.reproduce.record import note_call
 
 
 def test_runs_what_is_missing_once(make_runner):
@@ -102,6 +103,7 @@ def test_what_a_run_was_started_from_may_be_gone(make_runner):
     steps = make_runner.steps
     make_runner().run([steps.by_name[name] for name in ("a-1", "b-1", "reach/a-1")])
     shutil.rmtree(steps.run_dir("a-1"))
+    note_call(steps, steps.by_name["b-1"], ["resume=here"])  # as where it goes on
     runner = make_runner()
     assert runner.run([steps.by_name["reach/b-1"]])
     (made,) = state.read_result("reach/b-1")["trainings"]

@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spin_rl.benchmark.tables.paper import FIXCAM, REACH
+from spin_rl.reproduce.contents import CORRIDORS
 from spin_rl.reproduce.tables.notes import COMMANDS, budget_note, episodes_note
 from spin_rl.reproduce.tables.rates import Rate
 from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Kind, Table, compare
-from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
+from spin_rl.scenes.kinds import SCENARIOS
 
-CELLS: tuple[Cell, ...] = tuple(
-    (scenario, difficulty) for scenario in SCENARIOS for difficulty in DIFFICULTIES
-)
+CELLS: tuple[Cell, ...] = CORRIDORS
 HARD: tuple[Cell, ...] = tuple((scenario, "hard") for scenario in SCENARIOS)
 HEADER = (
     "method",

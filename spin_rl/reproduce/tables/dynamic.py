@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC, PaperPlace
+from spin_rl.reproduce.contents import CONDITIONS
 from spin_rl.reproduce.tables.corridors import THEIRS
 from spin_rl.reproduce.tables.notes import known, span
 from spin_rl.reproduce.tables.rates import Rate
@@ -25,7 +26,6 @@ _POLICIES = {
 _SCENES = {"lab": 1, "study": 2}
 """Scene -> its number in the paper."""
 _OBSTACLES = ("static", "dynamic")
-CONDITIONS = tuple((scene, obstacles) for scene in _SCENES for obstacles in _OBSTACLES)
 
 
 def dynamic(stored: Stored) -> Table:
