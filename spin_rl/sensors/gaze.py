@@ -1,4 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
+# pyright: reportCallIssue=false, reportOperatorIssue=false, reportIndexIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Where to look, as camera actions for a policy to imitate: the target of `runners.ppo.gaze`."""
 
@@ -20,6 +21,12 @@ LEAD_S = 0.8
 _PAN, _TILT = (robot.JOINTS.index(joint) for joint in robot.CAMERA_JOINTS)
 _LOW = wp.constant(wp.vec2(robot.JOINT_LOWER[_PAN], robot.JOINT_LOWER[_TILT]))
 _HIGH = wp.constant(wp.vec2(robot.JOINT_UPPER[_PAN], robot.JOINT_UPPER[_TILT]))
+_MOVING = wp.constant(0.1)
+"""Base speed above which the camera looks where it drives, where all that is near is known [m/s]."""
+_AHEAD = wp.constant(1.0)
+"""How far before the base that is [m] ..."""
+_HEIGHT = wp.constant(0.3)
+"""... and how high [m]: floor and walls from the base on are in the image."""
 _STOWED = wp.constant(wp.vec2(*(robot.STOWED[joint] for joint in robot.CAMERA_JOINTS)))
 
 wp.set_module_options({"enable_backward": False})
@@ -31,16 +38,25 @@ def _aim(
     slots: Slots,
     slot: wp.array(dtype=wp.int32),
     qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
     # Out
     gaze_out: wp.array2d(dtype=float),
 ) -> None:
     world = wp.tid()
-    if slot[world] < 0:
+    base = wp.vec3(qpos[world, 0], qpos[world, 1], qpos[world, 2])
+    speed = wp.vec2(qvel[world, 0], qvel[world, 1])
+    target = wp.vec3()
+    if slot[world] >= 0:
+        # Between it and the floor below it, so that the way to it is in the image too.
+        target = wp.cw_mul(slots.pos[world, slot[world]], wp.vec3(1.0, 1.0, 0.5))
+    elif wp.length(speed) > _MOVING:
+        way = _AHEAD * wp.normalize(speed)
+        target = wp.vec3(base[0] + way[0], base[1] + way[1], _HEIGHT)
+    else:
         for i in range(3):
             gaze_out[world, i] = 0.0
         return
-    base = wp.vec3(qpos[world, 0], qpos[world, 1], qpos[world, 2])
-    aim = head_towards(base, slots.pos[world, slot[world]])
+    aim = head_towards(base, target)
     if aim[0] > _HIGH[0]:
         aim[0] = aim[0] - 2.0 * wp.pi
     for i in range(2):
@@ -50,13 +66,13 @@ def _aim(
 
 
 class Gaze(Sensor):
-    """Looks at the unknown thing that the base will be nearest to soon; see ``spin_rl.warp_kernels.gaze``.
+    """Looks towards the unknown thing that the base will be nearest to soon (``spin_rl.warp_kernels.gaze``).
 
     It knows things that no camera has shown yet, also those that are still hidden. Where everything near is
-    known it says nothing.
+    known it looks where the base drives, and says nothing while that stands.
 
     Attributes:
-        gaze: Camera actions that point the head at its middle, and 1; or zeros, shape (nworld, 3).
+        gaze: Camera actions that point the head there, and 1; or zeros, shape (nworld, 3).
     """
 
     def __init__(
@@ -102,7 +118,7 @@ class Gaze(Sensor):
         wp.launch(
             _aim,
             dim=self.gaze.shape[0],
-            inputs=[self._slots, self._next, self._qpos],
+            inputs=[self._slots, self._next, self._qpos, self._qvel],
             outputs=[self.gaze],
             device=self.gaze.device,
         )

@@ -49,23 +49,39 @@ def off_axis(env, gaze, centre):
     return np.arccos(ray @ data.site_xmat[site].reshape(3, 3)[:, 2] / np.linalg.norm(ray))
 
 
+def halfway_down(centre):
+    return (*centre[:2], 0.5 * centre[2])
+
+
 @pytest.mark.parametrize(("forward", "wanted"), [(0.5, BOXES[0]), (-0.8, BOXES[1])])
-def test_the_thing_on_the_way_is_in_the_middle_of_the_image(make_nav_env, forward, wanted):
+def test_the_thing_on_the_way_and_the_floor_below_it_are_in_the_middle_of_the_image(
+    make_nav_env, forward, wanted
+):
     env = make(make_nav_env)
     gaze = drive(env, forward, 6)
     assert gaze[:, 2].tolist() == [1.0, 1.0] and gaze[0] == pytest.approx(gaze[1], abs=0.02)
     other = next(box for box in BOXES if box != wanted)
-    assert off_axis(env, gaze[0], wanted) < 0.15 < off_axis(env, gaze[0], other)
+    assert off_axis(env, gaze[0], halfway_down(wanted)) < 0.15 < off_axis(env, gaze[0], other)
+    assert off_axis(env, gaze[0], halfway_down(wanted)) < off_axis(env, gaze[0], wanted)
 
 
 def test_what_was_seen_is_not_looked_for(make_nav_env):
     """A camera at the box ahead leaves the one behind, though that is farther away."""
     env = make(make_nav_env, pose=(0.4, -0.6))
     gaze = drive(env, 0.5, 3)
-    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], BOXES[1]) < 0.15
+    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], halfway_down(BOXES[1])) < 0.15
 
 
-def test_nothing_is_said_where_nothing_is_near(make_nav_env):
+@pytest.mark.parametrize(("forward", "ahead"), [(0.5, 1.0), (-0.8, -1.0)])
+def test_where_everything_is_known_it_looks_where_the_base_drives(make_nav_env, forward, ahead):
+    env = make(make_nav_env)
+    env.sim.layout.active.zero_()
+    gaze = drive(env, forward, 6)
+    x, y = env.sim.views.qpos[0, :2].tolist()
+    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], (x + ahead, y, 0.3)) < 0.1
+
+
+def test_nothing_is_said_where_nothing_is_near_and_the_base_stands(make_nav_env):
     env = make(make_nav_env)
     env.sim.layout.active.zero_()
     assert not drive(env, 0.0, 1).any()
