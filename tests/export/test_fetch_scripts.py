@@ -149,6 +149,7 @@ def test_scripts_want_what_they_do_in_training(device, seed):
             carry_moves=wp.array([joint in CFG.carry_moves for joint in robot.JOINTS], dtype=wp.bool),
             carry_lift_m=CFG.carry_lift_m,
             pick_speed=wp.vec2(*speeds),
+            turns_to_look=False,
             period=PERIOD,
         )
         action = wp.array(e["action"], dtype=float)
@@ -170,7 +171,9 @@ def test_stages_follow_each_other_as_in_training(device, seed):
         state, end = warp_state(e, device), StepEnd()
         limits = [round(limit / PERIOD) for limit in CFG.limits.seconds()]
         bodies = bodies_of(e)
-        rules = rules_of(fetch_state.FetchRules, CFG, limits=wp.array(limits, dtype=wp.int32), table_slot=0)
+        rules = rules_of(
+            fetch_state.FetchRules, CFG, limits=wp.array(limits, dtype=wp.int32), table_slot=0, must_see=True
+        )
         end.qpos, end.qvel = wp.zeros_like(bodies.qpos), wp.zeros_like(bodies.qvel)
         end.outcome, end.done = wp.zeros(NUM, dtype=wp.int32), wp.zeros(NUM, dtype=bool)
         increments = make_increments(CFG.manipulation.increments, PERIOD, device)

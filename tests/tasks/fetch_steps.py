@@ -67,6 +67,7 @@ def end_step(cfg: FetchConfig, lefts: list[Left], device: str) -> Ended:
             cfg,
             limits=wp.array(limits, dtype=wp.int32),
             table_slot=cfg.scene.table_slot,
+            must_see=True,
         )
         end = StepEnd()
         end.qpos, end.qvel = wp.zeros_like(bodies.qpos), wp.zeros_like(bodies.qvel)

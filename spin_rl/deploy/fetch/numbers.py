@@ -32,6 +32,8 @@ DEEPEN_RATE = 0.3
 """How fast the lift goes down, and then the wrist, until what is held stands [m/s, rad/s]."""
 HEAD_SWEEP = 1.5
 """Speed of the head's pan while it looks for the object [rad/s]."""
+BASE_SWEEP = 0.6
+"""Speed of the base's turn meanwhile, where the head is held [rad/s]."""
 AT_ONCE = 10.0
 """A change of the fingers' target that is none of these rates [rad]."""
 

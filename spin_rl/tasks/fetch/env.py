@@ -131,6 +131,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             cfg,
             limits=wp.array(limits, dtype=wp.int32),
             table_slot=cfg.scene.table_slot,
+            must_see=self._held is None,
         )
         self._bodies = _bodies(sim, self._goal)
         increments = cfg.manipulation.increments
@@ -140,6 +141,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             carry_moves=wp.array([joint in cfg.carry_moves for joint in robot.JOINTS], dtype=wp.bool),
             carry_lift_m=cfg.carry_lift_m,
             pick_speed=(increments.forward_speed, increments.turn_speed),
+            turns_to_look=self._held is not None,
             period=period,
         )
         self._knowledge = Knowledge(sim, self._forces, cfg.scene.table_slot)

@@ -212,7 +212,7 @@ def advance_stages(
     elif stage == ALIGN:
         if _is_lost(w, at, b, rules):
             outcome = DROPPED
-        elif state.ready[w] and seen[w]:
+        elif state.ready[w] and (seen[w] or not rules.must_see):
             after = PICK
     elif stage == PICK:
         if _is_lost(w, at, b, rules):

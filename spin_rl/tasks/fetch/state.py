@@ -31,7 +31,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class FetchRules:
-    """When stages end; see `FetchConfig`. `limits` are the steps of `StageLimits`."""
+    """When stages end; see `FetchConfig`. `limits` are the steps of `StageLimits`.
+
+    `must_see` asks that the object is in sight as the pick begins, which a head that is held cannot see to.
+    """
 
     limits: wp.array[int]
     episode_steps: int
@@ -46,6 +49,7 @@ class FetchRules:
     fall_m: float
     place_m: float
     table_slot: int
+    must_see: bool
 
 
 @wp.struct

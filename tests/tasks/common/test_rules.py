@@ -45,7 +45,7 @@ def test_a_field_without_a_value_and_a_value_without_a_field_are_errors():
 
 
 LEVELS = {"level_up": 0.1, "level_down": 0.2}
-FETCH = {"limits": wp.zeros(6, dtype=wp.int32, device="cpu"), "table_slot": 1}
+FETCH = {"limits": wp.zeros(6, dtype=wp.int32, device="cpu"), "table_slot": 1, "must_see": True}
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,32 @@ def test_without_a_pose_scripts_look_around(make_fetch_env):
     assert (wp.to_torch(env.sim.target)[:, -2] - before).abs().min() > 0.01
 
 
+def test_with_a_pose_the_base_looks_around_in_its_place(make_fetch_env):
+    env = make_fetch_env(FetchConfig(camera_pose=POSE), num_envs=2, seed=3)
+    state(env, "is_found").fill_(False)
+    for world in range(2):
+        enter(env, ALIGN, world)
+    before = env.sim.views.qpos[:, :3].clone()
+    for _ in range(10):
+        env.step(torch.zeros(2, 10, device=env.device))
+        state(env, "is_found").fill_(False)
+    moved = env.sim.views.qpos[:, :3] - before
+    assert moved[:, :2].norm(dim=1).max() < 0.05 and moved[:, 2].abs().min() > 0.3
+
+
+@pytest.mark.parametrize(("pose", "stage"), [(POSE, PICK), (None, ALIGN)])
+def test_only_a_head_that_can_turn_must_see_the_object_when_the_pick_begins(make_fetch_env, pose, stage):
+    env = make_fetch_env(FetchConfig(camera_pose=pose), num_envs=2, seed=3)
+    for world in range(2):
+        enter(env, ALIGN, world)
+    state(env, "ready").fill_(True)
+    state(env, "phase").fill_(7)
+    state(env, "phase_time").fill_(100)
+    env.sight.seen.zero_()
+    env.step(torch.zeros(2, 10, device=env.device))
+    assert env.stage.tolist() == [stage, stage]
+
+
 def test_a_fetch_with_a_held_camera_is_not_exported(tmp_path, monkeypatch):
     monkeypatch.setattr(write, "open_for", lambda *_: None)
     with pytest.raises(ConfigError, match=r"^task\.camera_pose: the stages of an exported fetch turn"):

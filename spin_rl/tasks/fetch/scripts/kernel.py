@@ -33,7 +33,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Drive:
-    """The robot's limits and the control period, as scripts need them."""
+    """The robot's limits and the control period, as scripts need them.
+
+    `turns_to_look` makes the base look for the object, not the head, since that is held.
+    """
 
     joint_low: wp.array[float]
     joint_default: wp.array[float]
@@ -42,6 +45,7 @@ class Drive:
     carry_moves: wp.array[wp.bool]
     carry_lift_m: float
     pick_speed: wp.vec2
+    turns_to_look: bool
     period: float
 
 
@@ -106,7 +110,7 @@ def script_actions(
     for joint in range(target.shape[1]):
         c.joints[joint] = target[w, joint]
     if stage == ALIGN:
-        c = align(w, c, known, grip, state, drive.period)
+        c = align(w, c, known, grip, state, drive.period, drive.turns_to_look)
     elif stage == RETRACT:
         c = retract(w, c, known, grip, state)
     elif stage == PLACE:

@@ -14,6 +14,7 @@ from spin_rl.deploy.fetch.numbers import (
     ABOVE_M,
     ASIDE_M,
     BACK_M,
+    BASE_SWEEP,
     CARRY_RATE,
     DEEPEN_RATE,
     DEEPEST_PITCH,
@@ -70,6 +71,7 @@ def align(
     grip: float,
     state: FetchState,
     period: float,
+    turns_to_look: bool,
 ) -> Command:
     """Find the object, get the hand out of its way, stand before it, turn beside it, and unfold."""
     base = known.base[w]
@@ -88,6 +90,10 @@ def align(
         if state.is_found[w]:
             c = look(c, base, at)
             c.done = state.time[w] >= SETTLE
+        elif turns_to_look:
+            c.turn = wp.where(
+                state.detour[w], -BASE_SWEEP, BASE_SWEEP
+            )  # the other way where it is kept from it
         else:
             c = sweep(c, state.time[w], period)
         return c
