@@ -91,9 +91,8 @@ def align(
             c = look(c, base, at)
             c.done = state.time[w] >= SETTLE
         elif turns_to_look:
-            c.turn = wp.where(
-                state.detour[w], -BASE_SWEEP, BASE_SWEEP
-            )  # the other way where it is kept from it
+            # The other way where it was kept from turning.
+            c.turn = wp.where(state.detour[w], -BASE_SWEEP, BASE_SWEEP)
         else:
             c = sweep(c, state.time[w], period)
         return c
