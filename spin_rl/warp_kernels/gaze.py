@@ -6,7 +6,6 @@
 import warp as wp
 
 from spin_rl.warp_kernels.awareness import distance_to, is_known
-from spin_rl.warp_kernels.geometry import MISS
 from spin_rl.warp_kernels.memory import Memory
 from spin_rl.warp_kernels.slots import Slots
 
@@ -23,24 +22,21 @@ def _find_next(
     memory: Memory,
     fresh: int,
     lead: float,
-    window: float,
+    near: float,
     # Out
     slot_out: wp.array[int],
 ) -> None:
     world = wp.tid()
     x = qpos[world, 0]
     y = qpos[world, 1]
-    nearest = float(MISS)
+    nearest = near
     found = int(-1)
     for slot in range(slots.pos.shape[1]):
         if slots.active[world, slot] and not is_wall[slot]:
-            if distance_to(slots, world, slot, x, y) < window and not is_known(
-                memory, slots, world, slot, fresh
-            ):
-                away = distance_to(slots, world, slot, x + lead * qvel[world, 0], y + lead * qvel[world, 1])
-                if away < nearest:
-                    nearest = away
-                    found = slot
+            away = distance_to(slots, world, slot, x + lead * qvel[world, 0], y + lead * qvel[world, 1])
+            if away < nearest and not is_known(memory, slots, world, slot, fresh):
+                nearest = away
+                found = slot
     slot_out[world] = found
 
 
@@ -53,7 +49,7 @@ def find_next(
     *,
     fresh: int,
     lead: float,
-    window: float,
+    near: float,
     slot_out: wp.array,
 ) -> None:
     """Find the unknown thing that is nearest to where the base will be soon; graph-safe.
@@ -66,13 +62,13 @@ def find_next(
         memory: What the camera has shown.
         fresh: Steps for which something that moves is known.
         lead: How soon [s].
-        window: Only what is so near to the base now counts [m].
+        near: Only what is nearer to the base then counts [m].
         slot_out: Output, its slot, -1 where everything near is known, shape (nworld,), int32.
     """
     wp.launch(
         _find_next,
         dim=slot_out.shape[0],
-        inputs=[slots, is_wall, qpos, qvel, memory, fresh, lead, window],
+        inputs=[slots, is_wall, qpos, qvel, memory, fresh, lead, near],
         outputs=[slot_out],
         device=slot_out.device,
     )

@@ -10,17 +10,21 @@ from spin_rl.scenes.layout import PoolSpec, Scene
 from spin_rl.tasks.nav.config import NavConfig
 
 POSE = (0.0, 0.5)  # up: it shows neither box
-BOXES = ((1.2, 0.6, 0.3), (-1.6, -0.2, 0.9))
+BOXES = ((0.9, 0.4, 0.3), (-1.1, -0.2, 0.9))
 
 
-def make(make_nav_env, pose=POSE):
+GOAL = (4.0, 0.0)
+
+
+def make(make_nav_env, pose=POSE, goal=GOAL, boxes=BOXES, **settings):
     scene = Scene.empty(PoolSpec())
     scene.start_joints[:] = [*(robot.STOWED[joint] for joint in robot.JOINTS[:-2]), *pose]
-    scene.goal[:] = (4.0, 0.0)
-    for i, centre in enumerate(BOXES):
+    scene.goal[:] = goal
+    for i, centre in enumerate(boxes):
         slot = scene.pool.first_box + i
         scene.pos[slot], scene.half_size[slot], scene.active[slot] = centre, (0.1, 0.1, 0.1), True
-    cfg = NavConfig(camera_pose=pose, teach_gaze=True, robot_profile="reversing", stop_on_collision=False)
+    drives = {"robot_profile": "reversing", "stop_on_collision": False}
+    cfg = NavConfig(camera_pose=pose, teach_gaze=True, **drives, **settings)
     return make_nav_env(cfg, num_envs=2, scene=scene)
 
 
@@ -49,6 +53,13 @@ def off_axis(env, gaze, centre):
     return np.arccos(ray @ data.site_xmat[site].reshape(3, 3)[:, 2] / np.linalg.norm(ray))
 
 
+def along_the_way(env, goal):
+    """A point 1 m ahead, as high as floor and walls from the base on are in the image."""
+    base = env.sim.views.qpos[0, :2].cpu().numpy()
+    way = np.array(goal) - base
+    return (*(base + way / np.linalg.norm(way)), 0.3)
+
+
 def halfway_down(centre):
     return (*centre[:2], 0.5 * centre[2])
 
@@ -66,25 +77,35 @@ def test_the_thing_on_the_way_and_the_floor_below_it_are_in_the_middle_of_the_im
 
 
 def test_what_was_seen_is_not_looked_for(make_nav_env):
-    """A camera at the box ahead leaves the one behind, though that is farther away."""
+    """Where the camera shows the box ahead, it may look along the way to the goal again."""
     env = make(make_nav_env, pose=(0.4, -0.6))
-    gaze = drive(env, 0.5, 3)
-    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], halfway_down(BOXES[1])) < 0.15
+    gaze = drive(env, 0.5, 6)
+    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], along_the_way(env, GOAL)) < 0.1
 
 
-@pytest.mark.parametrize(("forward", "ahead"), [(0.5, 1.0), (-0.8, -1.0)])
-def test_where_everything_is_known_it_looks_where_the_base_drives(make_nav_env, forward, ahead):
-    env = make(make_nav_env)
-    env.sim.layout.active.zero_()
-    gaze = drive(env, forward, 6)
-    x, y = env.sim.views.qpos[0, :2].tolist()
-    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], (x + ahead, y, 0.3)) < 0.1
+def test_what_will_not_be_near_is_not_looked_for(make_nav_env):
+    """The box behind is unknown, too, and nearer than the goal; but the base drives away from it."""
+    env = make(make_nav_env, boxes=BOXES[1:])
+    gaze = drive(env, 0.5, 6)
+    assert off_axis(env, gaze[0], along_the_way(env, GOAL)) < 0.1
 
 
-def test_nothing_is_said_where_nothing_is_near_and_the_base_stands(make_nav_env):
-    env = make(make_nav_env)
-    env.sim.layout.active.zero_()
-    assert not drive(env, 0.0, 1).any()
+@pytest.mark.parametrize("goal", [GOAL, (-3.0, 1.0), (-2.0, -2.0)])
+def test_where_everything_is_known_it_looks_along_the_way(make_nav_env, goal):
+    """Also while the base stands, and behind it: the head turns by more than half a turn."""
+    env = make(make_nav_env, goal=goal, boxes=())
+    gaze = drive(env, 0.0, 1)
+    assert gaze[0, 2] == 1.0 and off_axis(env, gaze[0], along_the_way(env, goal)) < 0.1
+
+
+@pytest.mark.parametrize("mount", ["portrait", "landscape"])
+def test_a_thing_high_up_is_in_the_image(make_nav_env, mount):
+    """Half way down to the floor it would be above the image of the camera that is less high."""
+    high = (0.9, 0.0, 1.5)
+    env = make(make_nav_env, pose=(-3.1, -0.5), boxes=(high,), camera_mount=mount)
+    gaze = drive(env, 0.5, 6)
+    half_image = np.arctan(robot.camera_tan_half_fov(mount)[0])
+    assert off_axis(env, gaze[0], high) < 0.8 * half_image < off_axis(env, gaze[0], (high[0], 0.0, 0.0))
 
 
 def test_rates_are_no_places_to_look(make_nav_env):

@@ -200,8 +200,9 @@ class NavEnv(CorridorEnv):
         if is_rewarded:
             self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
         if cfg.teach_gaze:
-            window = cfg.scandots.window_m
-            self._gaze = Gaze(sim.layout, sim.data.qpos, sim.data.qvel, seen, window_m=window, period=period)
+            ahead = self._goal if self.planner is None else wp.from_torch(self.planner.subgoal, dtype=wp.vec2)
+            moves = (sim.data.qpos, sim.data.qvel, ahead)
+            self._gaze = Gaze(sim.layout, *moves, seen, mount=cfg.camera_mount, period=period)
         return seen
 
     def _set_camera(self, action: torch.Tensor) -> None:
