@@ -45,8 +45,8 @@ test: setup
 # Every training and evaluation of the comparison with the paper: hours. ARGS=run=false lists them, ARGS=only=fixcam or
 # ARGS=minutes=120 takes a part, and the next call goes on. What is measured goes into docs/results.md.
 reproduce: setup
-	$(BIN)/spin-reproduce run=true $(ARGS)
-	$(BIN)/spin-eval table=all out=docs/results.md >/dev/null
+	$(BIN)/spin-reproduce run=true $(ARGS); status=$$?; \
+	$(BIN)/spin-eval table=all out=docs/results.md >/dev/null && exit $$status
 
 # Whether the tests notice what breaks; some minutes.
 mutants: setup

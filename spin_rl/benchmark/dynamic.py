@@ -17,6 +17,7 @@ from spin_rl import robot
 from spin_rl.benchmark.drives import describe_drives, drive_figures
 from spin_rl.benchmark.metrics import DriveEpisodes, mean_interval, summarize_drives
 from spin_rl.benchmark.rounds import Announce, Report, WatchPolicy, check_counts, run_rounds, run_seeds
+from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC
 from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.planning.distance_field import CEILING_M
@@ -29,9 +30,8 @@ from spin_rl.scenes.scene_file import load_scene
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
 
-SCENES = ("lab", "study")
-"""Of conf/scenes_examples; the paper's scenes 1 and 2."""
-OBSTACLES = ("static", "dynamic")
+SCENES = tuple(dict.fromkeys(scene for scene, _ in STATIC_DYNAMIC))
+OBSTACLES = tuple(dict.fromkeys(obstacles for _, obstacles in STATIC_DYNAMIC))
 _APART_STEPS = 5
 """So many control steps without touching anything lie between two collisions."""
 

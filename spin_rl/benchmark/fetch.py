@@ -186,7 +186,8 @@ def summarize_fetches(fetches: Fetches, control_period: float) -> dict[str, Any]
         with a lost object; `causes`, shares of the failures by stage and outcome (see `FetchEpisodes.cause`),
         which sum to 1 where anything failed; the parts `reach`, `pick` and `place`, see `_part`; sums of
         `retries`, `drops` and `scrapes` [control steps] over all fetches; and `stage_s`, the mean time in
-        each stage over successful fetches [s], None without one.
+        each stage over successful fetches [s], None without one. And `outcomes`, as of
+        `metrics.summarize_drives`.
     """
     failed = np.flatnonzero(~fetches.placed).tolist()
     causes = Counter(fetches.cause(row) for row in failed)
@@ -203,6 +204,7 @@ def summarize_fetches(fetches: Fetches, control_period: float) -> dict[str, Any]
         "place": _part(fetches.picked, fetches.placed, part_s["place"]),
         **{name: int(getattr(fetches, name).sum()) for name in ("retries", "drops", "scrapes")},
         "stage_s": {name: _mean(stage_s[fetches.placed, i]) for i, name in enumerate(STAGES)},
+        "outcomes": "".join(FETCH_OUTCOMES[outcome][0] for outcome in fetches.outcome),
     }
 
 

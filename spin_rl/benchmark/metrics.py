@@ -17,12 +17,13 @@ from spin_rl.tasks.pick import episode as pick_episode
 _Z95 = 1.959963984540054
 
 
-def wilson_interval(successes: int, episodes: int) -> tuple[float, float]:
+def wilson_interval(successes: float, episodes: float) -> tuple[float, float]:
     """95% confidence interval of a success rate (Wilson 1927), which stays honest at rates of 0 and 1.
 
     Args:
         successes: Number of successes.
-        episodes: Number of trials, at least 1.
+        episodes: Number of trials, at least 1. Of trials that are not independent both are as many as have
+            their variance, and need not be whole.
 
     Raises:
         ValueError: No trials, or more successes than trials.
@@ -37,6 +38,20 @@ def wilson_interval(successes: int, episodes: int) -> tuple[float, float]:
     low = 0.0 if successes == 0 else centre - half
     high = 1.0 if successes == episodes else centre + half
     return low, high
+
+
+def paired_interval(differences: np.ndarray) -> tuple[float, float]:
+    """95% confidence interval of the mean difference of success rates in the same scenes.
+
+    That of Bonett and Price (2012) for paired proportions: Wald's with one scene more won and one more lost,
+    so that it keeps a width where all scenes agree. It covers the choice of scenes, not that of trainings.
+
+    Args:
+        differences: In each scene, from -1 to 1; of several trainings that of their means, shape (n,).
+    """
+    more = np.concatenate([differences, [1.0, -1.0]])
+    mean, half = float(more.mean()), _Z95 * float(more.std()) / math.sqrt(len(more))
+    return max(mean - half, -1.0), min(mean + half, 1.0)
 
 
 def mean_interval(values: np.ndarray, draws: int = 2000) -> tuple[float, float]:
@@ -81,17 +96,15 @@ Kind = TypeVar("Kind", bound=Episodes)
 def paired_difference(own: Sequence[Episodes], other: Sequence[Episodes]) -> dict[str, Any]:
     """Compare the success of two conditions scene by scene.
 
-    The interval is that of Bonett and Price (2012) for paired proportions: Wald's with one scene more won
-    and one more lost, so that it keeps a width where all scenes agree. Groups are pooled. It covers the
-    choice of scenes, not that of training runs.
+    Groups are pooled.
 
     Args:
         own: Groups of episodes under the first condition.
         other: The same scenes in the same order under the other one.
 
     Returns:
-        `mean` (other minus own), `ci95`, and how many scenes were `won` (success only under the other
-        condition) and `lost` (only under the first).
+        `mean` (other minus own), `ci95` (see `paired_interval`), and how many scenes were `won` (success only
+        under the other condition) and `lost` (only under the first).
     """
     before, after = (
         np.concatenate([group.outcome == episode.SUCCESS for group in groups]) for groups in (own, other)
@@ -99,11 +112,8 @@ def paired_difference(own: Sequence[Episodes], other: Sequence[Episodes]) -> dic
     if len(before) != len(after):
         raise ValueError(f"{len(before)} episodes cannot be paired with {len(after)}")
     won, lost = int((after & ~before).sum()), int((before & ~after).sum())
-    count = len(before)
-    up, down = (won + 1) / (count + 2), (lost + 1) / (count + 2)
-    half = _Z95 * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
-    ci95 = [max(up - down - half, -1.0), min(up - down + half, 1.0)]
-    return {"mean": (won - lost) / count, "ci95": ci95, "won": won, "lost": lost}
+    ci95 = list(paired_interval(after.astype(float) - before))
+    return {"mean": (won - lost) / len(before), "ci95": ci95, "won": won, "lost": lost}
 
 
 @dataclass

@@ -64,11 +64,11 @@ def read_options(values: Mapping[str, Any]) -> Options:
         ConfigError: One line that names the key.
     """
     only = values["only"]
-    if isinstance(only, str):
-        only = [only]
+    if only is not None and not isinstance(only, list):
+        only = [str(only)]
     options = from_keys(Options, {**values, "only": only})
-    if options.only is not None and not all(options.only):
-        raise ConfigError("only: expected parts of the names of steps")
+    if options.only is not None and not (options.only and all(options.only)):
+        raise ConfigError("only: expected a step, a part of the names of some, or several of these")
     if options.again and options.only is None:
         raise ConfigError("again: name the steps, only=<part of a name>")
     return options

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
+from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 
 _KEPT: Mapping[str, type | tuple[type, ...]] = {
@@ -18,7 +19,7 @@ _KEPT: Mapping[str, type | tuple[type, ...]] = {
     "result": dict,
 }
 """What every stored result has; see `record.stored`."""
-_CELLS = ("success_rate", "episodes")
+_CELLS = ("success_rate", "episodes", "outcomes")
 _DRIVES = (
     *(*_CELLS, "scenario", "difficulty", "duration_s"),
     *("final_distance_m", "final_distance_ci95", "timeout_rate"),
@@ -32,13 +33,13 @@ _RESULTS: Mapping[str, tuple[str, ...]] = {
 _ROWS: Mapping[str, tuple[str, ...]] = {
     **{kind: _DRIVES for kind in ("reach", "map_none", "map_small", "map_large")},
     "dynamic": (*_CELLS, "scene", "obstacles", "ci95", "collisions", "collisions_ci95"),
-    "fetch": (*_CELLS, "scenario", "difficulty", "place"),
+    "fetch": ("success_rate", "episodes", "scenario", "difficulty", "reach", "pick", "place"),
     "speed": ("name", "value", "baseline_value"),
 }
 """Kind of results -> what tables read of each of its rows."""
 CORRIDORS: tuple[tuple[int, str], ...] = tuple(product(SCENARIOS, DIFFICULTIES))
 """The cells of the reach benchmark and of fetches: scenario and difficulty."""
-CONDITIONS: tuple[tuple[str, str], ...] = tuple(product(("lab", "study"), ("static", "dynamic")))
+CONDITIONS: tuple[tuple[str, str], ...] = tuple(STATIC_DYNAMIC)
 """Those of the benchmark with obstacles that move: scene and obstacles."""
 _PLACES: Mapping[str, tuple[tuple[str, ...], tuple[tuple[Any, ...], ...]]] = {
     **{

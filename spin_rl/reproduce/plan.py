@@ -64,7 +64,7 @@ class EvaluationEntry:
     name: str
     arguments: tuple[str, ...]
     command: str = "eval"
-    minutes: _PositiveMinutes = 3.0
+    minutes: _PositiveMinutes = 4.0
     alone: bool = False
 
 
@@ -74,7 +74,7 @@ class Measure:
 
     kind: str = REACH
     arguments: tuple[str, ...] = (f"benchmark={REACH}",)
-    minutes: _PositiveMinutes = 3.0
+    minutes: _PositiveMinutes = 4.0
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Steps:
         return [_NAME.sub(lambda match: str(self.run_dir(match[1])), given) for given in step.arguments]
 
     def chosen(self, parts: Sequence[str] | None) -> list[Step]:
-        """Return the steps with one of some parts in their name, and what they need, in order.
+        """Return the steps of some names, or with one of some parts in theirs, and what they need, in order.
 
         Raises:
             ConfigError: There is none with one of the parts.
@@ -182,7 +182,7 @@ class Steps:
             return list(self.by_name.values())
         names: set[str] = set()
         for part in parts:
-            fitting = [name for name in self.by_name if part in name]
+            fitting = [part] if part in self.by_name else [name for name in self.by_name if part in name]
             if not fitting:
                 raise ConfigError(f"only: no step has {part!r} in its name; spin-reproduce lists them")
             names |= set(fitting)

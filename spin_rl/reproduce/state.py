@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
+from spin_rl.config import ConfigError
 from spin_rl.paths import RESULT_DIR
 from spin_rl.reproduce.contents import lacking
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training
 from spin_rl.tasks.common.compose import compose
 
+_OF_RUN = ("env_steps", "minutes", "success_rate")
+"""What a result keeps of a training's summary, by which the run is known."""
 Status = Literal["done", "partial", "missing", "outdated"]
 
 
@@ -77,9 +80,16 @@ def calls_file(run_dir: Path) -> Path:
 
 
 def read_calls(run_dir: Path) -> list[dict[str, Any]]:
-    """The calls that made a run, in order; none where nothing was noted."""
+    """The calls that made a run, in order; none where nothing was noted.
+
+    Raises:
+        ConfigError: The file is damaged; one line that names it.
+    """
     file = calls_file(run_dir)
-    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    try:
+        return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    except ValueError:
+        raise ConfigError(f"{file} is damaged: move {run_dir} away, or choose another runs=") from None
 
 
 def planned(step: Step) -> dict[str, Any]:
@@ -122,9 +132,13 @@ def iterations(arguments: tuple[str, ...], env_steps: int) -> int:
 
 
 def state_of_run(steps: Steps, step: Training) -> State:
-    """Find out how far the run of a training has come, whatever results are there."""
+    """Find out how far the run of a training has come, whatever results are there.
+
+    Raises:
+        ConfigError: What the run tells of itself is damaged; one line that names the file.
+    """
     run_dir = steps.run_dir(step.name)
-    summary = _read(run_dir / "summary.json")
+    summary = _summary(run_dir)
     if (summary is not None or has_checkpoint(run_dir)) and not _is_planned(run_dir, step):
         return State("outdated")
     if summary is not None:
@@ -146,13 +160,23 @@ def _of_training(steps: Steps, step: Training) -> State:
 
 
 def _is_planned(run_dir: Path, step: Training) -> bool:
-    """Whether a run was made with the arguments and the seed of the plan; with other samples it can go on."""
+    """Whether a run was made with the arguments and the seed of the plan; with other samples it can go on.
+
+    One of which nobody noted how it was made is none of the plan's.
+    """
     calls = read_calls(run_dir)
     noted = calls[-1].get("step") if calls else None
-    return noted is None or _agrees(noted | {"planned_env_steps": step.env_steps}, step)
+    return noted is not None and _agrees(noted | {"planned_env_steps": step.env_steps}, step)
 
 
 def _of_evaluation(steps: Steps, step: Evaluation) -> State:
+    state = state_of_result(steps, step)
+    are_of_runs = all(_is_of_run(steps.run_dir(fact["name"]), fact) for fact in _trainings(step))
+    return state if are_of_runs else replace(state, status="outdated")
+
+
+def state_of_result(steps: Steps, step: Evaluation) -> State:
+    """Find out whether a result is there and of this plan, whatever runs are there."""
     stored = read_result(step.name)
     if stored is None:
         return State("missing")
@@ -175,6 +199,21 @@ def _has_trainings(steps: Steps, step: Step, trainings: Sequence[Mapping[str, An
         and _has_trainings(steps, steps.by_name[name], known[name]["needs"])
         for name in steps.needs(step)
     )
+
+
+def _is_of_run(run_dir: Path, training: Mapping[str, Any]) -> bool:
+    """Whether a result is of the run that is there, if one is: a new training asks for new measurements."""
+    summary = _summary(run_dir)
+    return summary is None or all(summary[key] == training[key] for key in _OF_RUN)
+
+
+def _summary(run_dir: Path) -> dict[str, Any] | None:
+    """What a whole run tells of itself; None where there is none yet."""
+    file = run_dir / "summary.json"
+    summary = _read(file)
+    if file.exists() and not set(_OF_RUN) <= set(summary or ()):
+        raise ConfigError(f"{file} is damaged: move {run_dir} away, or choose another runs=")
+    return summary
 
 
 def _trainings(step: Step) -> list[dict[str, Any]]:

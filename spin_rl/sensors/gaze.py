@@ -1,5 +1,5 @@
 # pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportArgumentType=false
-# pyright: reportCallIssue=false
+# pyright: reportCallIssue=false, reportOperatorIssue=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Where to look, as camera actions for a policy to imitate: the target of `runners.ppo.gaze`."""
 

@@ -54,9 +54,11 @@ FAKE = textwrap.dedent("""
         samples += 40_000 if asked else 100_000
         (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
         (folder / "checkpoints" / "last.pt").touch()
-        before.write_text(json.dumps(dict(env_steps=samples, minutes=1.0, success_rate=0.5, processes=1)))
+        whole = folder / "whole.json"
+        whole.write_text(json.dumps(dict(env_steps=samples, minutes=1.0, success_rate=0.5, processes=1)))
+        whole.replace(before)
     else:  # an evaluation that is asked to end writes what it has by then
-        row = dict(success_rate=0.5, episodes=2, duration_s=None, timeout_rate=0.5)
+        row = dict(success_rate=0.5, episodes=2, outcomes="sc", duration_s=None, timeout_rate=0.5)
         row |= dict(final_distance_m=1.0, final_distance_ci95=[0.5, 1.5])
         cells = [dict(scenario=s, difficulty=d) for s in (1, 2) for d in ("easy", "medium", "hard")]
         result = dict(rows=[row | cell for cell in cells], seeds=[0], num_envs=6, commit=None, device="cpu")

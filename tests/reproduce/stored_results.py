@@ -50,7 +50,10 @@ def rows_of(kind, success):
             "timeout_rate": 0.01,
             "collisions": 1.5,
             "collisions_ci95": [1.2, 1.8],
-            "place": {"succeeded": success(cell)},
+            "reach": {"succeeded": EPISODES},
+            "pick": {"succeeded": 90, "duration_s": 5.0},
+            "place": {"succeeded": success(cell), "duration_s": 9.0 if success(cell) else None},
+            "outcomes": "s" * success(cell) + "c" * (EPISODES - success(cell)),
         }
         for cell in cells
     ]

@@ -5,11 +5,13 @@ import io
 import json
 import re
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stored_results import EPISODES, store, store_all
 
+from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables import paper
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
@@ -196,7 +198,7 @@ def test_results_of_an_older_commit_are_still_those_of_the_plan(steps):
     stored = json.loads(file.read_text())
     stored["commit"] = stored["result"]["commit"] = "0ld"
     file.write_text(json.dumps(stored))
-    assert state.is_done(steps, steps.by_name["reach/cvo-2"])
+    assert state.state_of_result(steps, steps.by_name["reach/cvo-2"]).status == "done"
     assert "commits 0ld, abc" in tables.terminal(TABLES["1"](Stored(steps, "1")))
 
 
@@ -252,14 +254,34 @@ def test_budget_counts_the_phases_of_a_training(steps):
     ],
 )
 def test_verdicts(kind, ones, others, wanted, verdict):
-    one, other = ([Rate(round(1000 * share), 1000) for share in shares] for shares in (ones, others))
+    one, other = (trainings(*shares) for shares in (ones, others))
     claim = tables.compare("a", one, other, paper=None, wanted=wanted, kind=kind)
     assert claim.verdict == verdict and claim.line().endswith(f": {verdict}")
     assert ("no pairs of trainings" in claim.line()) == (len(ones) * len(others) == 1)
 
 
+def trainings(*shares, scenes=1000):
+    """So many trainings in the same scenes, each with a share of successes in other ones."""
+    rng = np.random.default_rng(0)
+    return Rate(np.stack([rng.permutation(scenes) < share * scenes for share in shares]))
+
+
+@pytest.mark.parametrize(
+    ("ours", "verdict"),
+    [
+        (0.9, "reproduced"),
+        (0.7, "reproduced, by less than half of the paper's"),
+        (0.6, "same direction, less of it"),
+    ],
+)
+def test_a_difference_far_below_the_papers_is_told(ours, verdict):
+    claim = tables.compare("a", trainings(ours), trainings(0.5), paper=0.6, wanted=0.15)
+    assert claim.verdict == verdict
+
+
 def test_few_episodes_show_neither_a_difference_nor_its_absence():
-    claim = tables.compare("a", [Rate(18, 20)], [Rate(17, 20)], paper=0.0, kind="alike")
+    few = (trainings(share, scenes=20) for share in (0.9, 0.85))
+    claim = tables.compare("a", *few, paper=0.0, kind="alike")
     assert claim.verdict == "neither a difference nor its absence shown"
 
 
@@ -282,9 +304,48 @@ def test_the_distance_has_an_interval_of_all_cells(steps):
     assert record["final_distance_ci95_high"] == pytest.approx(0.3 + 0.1 / 12**0.5)
 
 
-def test_difference_against_the_example_of_newcombe():
-    """56 of 70 and 48 of 80, in Newcombe 1998, table II, method 10: 0.0524 to 0.3339."""
-    assert difference(Rate(56, 70), Rate(48, 80)) == pytest.approx((0.2, 0.0524, 0.3339), abs=5e-5)
+def test_two_trainings_that_agree_are_one_as_far_as_the_interval_goes():
+    one = trainings(0.8, scenes=300)
+    twice, apart = Rate(np.repeat(one.wins, 2, axis=0)), trainings(0.8, 0.8, scenes=300)
+    assert twice.interval == pytest.approx(wilson_interval(240, 300))
+    assert apart.interval == pytest.approx(wilson_interval(480, 600), abs=4e-3)
+    assert Rate(np.ones((2, 300))).interval == wilson_interval(300, 300)
+
+
+def test_the_interval_of_clusters_against_the_bootstrap():
+    """Scenes of which half are hard, three trainings each: scenes are drawn anew, not episodes."""
+    rng = np.random.default_rng(2)
+    wins = rng.random((3, 600)) < np.where(np.arange(600) % 2, 0.9, 0.3)
+    means = wins.mean(axis=0)[rng.integers(600, size=(4000, 600))].mean(axis=1)
+    assert Rate(wins).interval == pytest.approx(np.percentile(means, [2.5, 97.5]), abs=3e-3)
+
+
+def test_a_difference_in_the_same_scenes_knows_which_are_hard():
+    """Against the bootstrap over scenes; unpaired it would be 0.05 either way."""
+    rng = np.random.default_rng(1)
+    hard = rng.random(600) < 0.5
+    better = Rate(np.stack([~hard | (rng.random(600) < 0.1) for _ in range(2)]))
+    mean, low, high = difference(better, Rate(np.stack([~hard, ~hard])))
+    scenes = better.wins.mean(axis=0) - ~hard
+    drawn = scenes[rng.integers(600, size=(4000, 600))].mean(axis=1)
+    assert mean == pytest.approx(scenes.mean())
+    assert (low, high) == pytest.approx(np.percentile(drawn, [2.5, 97.5]), abs=4e-3)
+
+
+def test_rows_that_do_not_tell_their_outcomes_are_no_guess():
+    """Where all ended alike it is known; older results of fetches have no more."""
+    rows = [[{"success_rate": 0.0, "episodes": 3}, {"success_rate": 1.0, "episodes": 1}]]
+    assert Rate.of(rows).wins.tolist() == [[False, False, False, True]]
+    with pytest.raises(ConfigError, match="measure it again"):
+        Rate.of([[{"success_rate": 0.5, "episodes": 2}]])
+
+
+def test_trainings_of_other_scenes_are_no_row():
+    rows = [[{"success_rate": 1.0, "episodes": count}] for count in (2, 3)]
+    with pytest.raises(ConfigError, match="other scenes"):
+        Rate.of(rows)
+    with pytest.raises(ConfigError, match="other scenes"):
+        difference(Rate.of(rows[:1]), Rate.of(rows[1:]))
 
 
 def test_success_at_equal_samples_is_that_of_the_nearest_point():

@@ -40,11 +40,19 @@ def steps(tmp_path, monkeypatch):
     return read_steps(SMALL, tmp_path / "runs")
 
 
-def finish(steps, name, env_steps=1000):
-    """Leave behind what a training does."""
+def begin(steps, name):
+    """Leave behind what a training does that was killed."""
     folder = steps.run_dir(name)
     (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
     (folder / "checkpoints" / "last.pt").touch()
+    call = {"step": state.planned(steps.by_name[name]), "commit": "abc", "hardware": "a machine"}
+    state.calls_file(folder).write_text(json.dumps(call) + "\n")
+
+
+def finish(steps, name, env_steps=1000):
+    """Leave behind what a training does."""
+    begin(steps, name)
+    folder = steps.run_dir(name)
     (folder / "summary.json").write_text(
         json.dumps({"env_steps": env_steps, "minutes": 3.5, "success_rate": 0.5})
     )
@@ -53,7 +61,8 @@ def finish(steps, name, env_steps=1000):
 def described(steps, name):
     """What a result tells of a training by which it is known."""
     step = steps.by_name[name]
-    return state.planned(step) | {"needs": [described(steps, other) for other in steps.needs(step)]}
+    facts = {"env_steps": 1000, "minutes": 3.5, "success_rate": 0.5}
+    return state.planned(step) | facts | {"needs": [described(steps, other) for other in steps.needs(step)]}
 
 
 def store(steps, name, **changes):
@@ -158,12 +167,36 @@ def test_states_of_a_training(steps):
     assert state.state_of(steps, step).status == "missing"
     (steps.run_dir("first-1") / "checkpoints").mkdir(parents=True)
     assert state.state_of(steps, step).status == "missing"  # nothing to go on from
-    (steps.run_dir("first-1") / "checkpoints" / "iteration_0000003.pt").touch()
-    assert state.state_of(steps, step).status == "partial"  # it was killed
+    begin(steps, "first-1")
+    assert state.state_of(steps, step).status == "partial"
     finish(steps, "first-1", env_steps=999)
     assert state.state_of(steps, step) == state.State("partial", 3.5, 999, 0.5)
     finish(steps, "first-1")
     assert state.is_done(steps, step)
+
+
+def test_a_run_that_tells_nothing_of_itself_is_none_of_the_plans(steps):
+    """Somebody else trained there, or its files are damaged: it is not measured, and named in a line."""
+    step, folder = steps.by_name["first-1"], steps.run_dir("first-1")
+    finish(steps, "first-1")
+    state.calls_file(folder).unlink()
+    assert state.state_of(steps, step).status == "outdated"
+    for file, text in ((state.calls_file(folder), '{"step": '), (folder / "summary.json", "{}")):
+        finish(steps, "first-1")
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=rf"^{file} is damaged: move {folder} away"):
+            state.state_of(steps, step)
+
+
+def test_a_new_training_asks_for_new_measurements(steps):
+    """Rows of one name are of one run; tables of what is stored do not care for runs."""
+    evaluation = steps.by_name["reach/second-1"]
+    store(steps, evaluation.name)
+    finish(steps, "second-1")
+    assert state.is_done(steps, evaluation)
+    finish(steps, "second-1", env_steps=1001)
+    assert state.state_of(steps, evaluation).status == "outdated"
+    assert state.state_of_result(steps, evaluation).status == "done"
 
 
 def test_trainings_whose_results_are_stored_are_not_needed_again(steps):

@@ -52,6 +52,7 @@ def test_measuring_again_needs_the_runs(make_runner):
     half = {"env_steps": 50_000, "minutes": 1.0, "success_rate": 0.5, "processes": 1}
     (steps.run_dir("a-1") / "checkpoints").mkdir(parents=True)
     (steps.run_dir("a-1") / "checkpoints" / "last.pt").touch()
+    note_call(steps, steps.by_name["a-1"], [])
     for summary in (None, half):  # killed, or cut off
         if summary is not None:
             (steps.run_dir("a-1") / "summary.json").write_text(json.dumps(summary))
@@ -149,7 +150,8 @@ def test_list_is_what_happens_without_run(monkeypatch, capsys):
     ("arguments", "expected"),
     [
         (["only=nothing"], "only: no step has 'nothing'"),
-        (["only=5"], "only"),
+        (["only=[]"], "only: expected a step"),
+        (["only=[cvo,0.5]"], "only"),
         (["jobs=0"], "jobs: expected"),
         (["minutes=-1"], "minutes: expected"),
         (["plan.budgets.drive.env_steps=0"], "plan.budgets.drive.env_steps: expected"),

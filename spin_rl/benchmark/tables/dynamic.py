@@ -8,8 +8,6 @@ from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC
 from spin_rl.benchmark.tables.reach import align, figures, main_causes, notes, title
 from spin_rl.benchmark.tables.reach import headline as success_headline
 
-PAPER_SCENES = {"lab": 1, "study": 2}
-"""Scene -> its number in the paper."""
 METHODS = ("SPIN", "Classical")
 
 
@@ -30,7 +28,7 @@ def table(result: dict[str, Any]) -> str:
     body = []
     for row in result["rows"]:
         low, high = row["collisions_ci95"]
-        paper = STATIC_DYNAMIC[PAPER_SCENES[row["scene"]], row["obstacles"]]
+        paper = STATIC_DYNAMIC[row["scene"], row["obstacles"]]
         hits = [f"{row['collisions']:.2f}", f"{low:.2f}-{high:.2f}"]
         beside = [f"{paper[name].success_rate:.1f} {paper[name].collisions:.1f}" for name in METHODS]
         body.append([row["scene"], row["obstacles"], *figures(row), *hits, *beside, main_causes(row)])

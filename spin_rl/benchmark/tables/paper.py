@@ -100,14 +100,14 @@ class PaperPlace:
     collisions: float
 
 
-STATIC_DYNAMIC: dict[tuple[int, str], dict[str, PaperPlace]] = {
-    (1, "static"): {"SPIN": PaperPlace(0.8, 1.0), "Classical": PaperPlace(0.6, 0.4)},
-    (1, "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.0, 1.2)},
-    (2, "static"): {"SPIN": PaperPlace(0.8, 0.8), "Classical": PaperPlace(0.4, 0.6)},
-    (2, "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.2, 1.0)},
+STATIC_DYNAMIC: dict[tuple[str, str], dict[str, PaperPlace]] = {
+    ("lab", "static"): {"SPIN": PaperPlace(0.8, 1.0), "Classical": PaperPlace(0.6, 0.4)},
+    ("lab", "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.0, 1.2)},
+    ("study", "static"): {"SPIN": PaperPlace(0.8, 0.8), "Classical": PaperPlace(0.4, 0.6)},
+    ("study", "dynamic"): {"SPIN": PaperPlace(0.6, 1.6), "Classical": PaperPlace(0.2, 1.0)},
 }
-"""Real scene (1 the lab, 2 the study area) and obstacles -> method -> figures (Real-world results, table of
-static and dynamic obstacles)."""
+"""Real scene (the paper's 1 and 2, by the name of its counterpart in conf/scenes_examples) and obstacles ->
+method -> figures (Real-world results, table of static and dynamic obstacles)."""
 
 DIRECT_DEPTH_SUCCESS = 0.01
 """Less than that after 22 h of reinforcement learning from depth images (supplement, "Directly training from

@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from spin_rl.benchmark.metrics import mean_interval
 from spin_rl.reproduce.state import read_result
-from spin_rl.reproduce.tables.notes import budget_note
-from spin_rl.reproduce.tables.rates import difference
+from spin_rl.reproduce.tables.notes import INTERVALS, budget_note
+from spin_rl.reproduce.tables.rates import Rate, difference, spread
 from spin_rl.reproduce.tables.stored import Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table
 
@@ -43,12 +40,7 @@ class Margin(Claim):
 
     def line(self) -> str:
         """All of it in a line."""
-        assert self.trainings is not None
-        low, high = self.trainings
-        return (
-            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; between trainings "
-            f"{low:+.2f} to {high:+.2f}), wanted {self.wanted:+.2f}: {self.verdict}"
-        )
+        return f"{self.text}: {self.measured()}, wanted {self.wanted:+.2f}: {self.verdict}"
 
 
 def active_camera(stored: Stored) -> Table:
@@ -86,8 +78,7 @@ def active_camera(stored: Stored) -> Table:
         notes=(
             *notes,
             budget_note(every, "trained"),
-            "free less this: difference of the success in the same scenes, mean of the trainings; 95 %, by a "
-            "bootstrap over scenes; of fetches by Newcombe's method",
+            f"free less this: difference of the success in the same scenes; intervals: 95 %, {INTERVALS}",
         ),
     )
 
@@ -135,14 +126,9 @@ def _add_fetches(stored: Stored, rows: list[tuple[str, ...]], margins: list[Marg
     stored.refuse_missing()
     assert found is not None
     free = Measured("free", (found,))
-    refuse_other_scenes("fetches", [result for method in (free, *trained) for result in method.results])
     rows.append(_fetch_row("free", free, None))
     for method in trained:
-        mean, low, high = difference(free.rate(), method.rate())
-        pairs = [free.rate().value - rate.value for rate in method.rates()]
-        margin = Margin(
-            f"free over {method.name} in fetches", mean, low, high, (min(pairs), max(pairs)), None, WANTED
-        )
+        margin = compare(f"{method.name} in fetches", free, method)
         pan, tilt = method.results[0]["result"]["camera_pose"]
         rows.append(_fetch_row(f"{method.name} [{pan:g},{tilt:g}]", method, margin))
         margins.append(margin)
@@ -160,7 +146,7 @@ def _fetch_row(camera: str, method: Measured, margin: Margin | None) -> tuple[st
         "fetch",
         camera,
         method.rate().text(),
-        " ".join(f"{rate.value:.2f}" for rate in method.rates()),
+        method.rate().each_text(),
         mean("collision_rate"),
         mean("timeout_rate"),
         "-" if margin is None else f"{margin.ours:+.2f} ({margin.low:+.2f} to {margin.high:+.2f})",
@@ -184,24 +170,14 @@ def compare(name: str, free: Measured, other: Measured) -> Margin:
     Raises:
         ConfigError: Their scenes were not the same.
     """
-    count = min(len(free.results), len(other.results))
-    own, others = _successes(free)[:count], _successes(other)[:count]
     refuse_other_scenes(f"{name} and {free.name}", (*free.results, *other.results))
-    scenes = own.mean(axis=0) - others.mean(axis=0)
-    low, high = mean_interval(scenes)
-    pairs = own.mean(axis=1)[:, None] - others.mean(axis=1)
-    between = (float(pairs.min()), float(pairs.max()))
-    return Margin(f"{free.name} over {name}", float(scenes.mean()), low, high, between, None, WANTED)
-
-
-def _successes(method: Measured) -> np.ndarray:
-    """Which episodes succeeded, shape (trainings, episodes)."""
-    letters = ["".join(row["outcomes"] for row in result["result"]["rows"]) for result in method.results]
-    return np.array([[letter == "s" for letter in text] for text in letters], dtype=float)
+    own, others = Rate(free.rate().wins[: len(other.results)]), other.rate()
+    between = spread(own.each, others.each)
+    return Margin(f"{free.name} over {name}", *difference(own, others), between, None, WANTED)
 
 
 def _row(group: str, name: str, method: Measured, margin: Margin | None) -> tuple[str, ...]:
-    each = " ".join(f"{rate.value:.2f}" for rate in method.rates())
+    each = method.rate().each_text()
     return (
         group,
         _camera(name, method),
@@ -223,7 +199,7 @@ def _record(group: str, name: str, method: Measured, margin: Margin | None) -> d
         "ci95_low": low,
         "ci95_high": high,
         "episodes": method.rate().episodes,
-        "each_training": " ".join(f"{rate.value:.4f}" for rate in method.rates()),
+        "each_training": " ".join(f"{rate:.4f}" for rate in method.rate().each),
         "free_less_this": None if margin is None else margin.ours,
         "free_less_this_low": None if margin is None else margin.low,
         "free_less_this_high": None if margin is None else margin.high,

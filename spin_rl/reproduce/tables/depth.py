@@ -97,8 +97,8 @@ def depth(stored: Stored) -> Table:
         claims=(
             compare(
                 f"scandots over depth images, after {own_minutes:.0f} and {other_minutes:.0f} min",
-                methods["scandots"].rates(),
-                methods["depth"].rates(),
+                methods["scandots"].rate(),
+                methods["depth"].rate(),
                 paper=None,
                 wanted=0.10,
             ),

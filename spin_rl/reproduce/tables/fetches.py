@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spin_rl.benchmark.tables.paper import PICK, PLACE
 from spin_rl.reproduce.tables.corridors import CELLS, THEIRS
-from spin_rl.reproduce.tables.notes import budget_note, known
+from spin_rl.reproduce.tables.notes import INTERVALS, budget_note, known
 from spin_rl.reproduce.tables.rates import Rate
 from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table, compare
@@ -18,21 +18,43 @@ _PARTS = ("pick", *(f"place S{scenario} {difficulty}" for scenario, difficulty i
 
 
 def place(stored: Stored) -> Table:
-    """Success of picking, out of those that came to the table, and of placing, out of all fetches."""
+    """Picking, out of those that came to the table, and placing, out of all fetches: success and time."""
     found = {label: stored.measured("fetch", name) for label, name in _METHODS.items()}
     stored.refuse_empty()
     methods = {label: method for label, method in found.items() if method.results}
     rows: list[tuple[str, ...]] = []
     records: list[Mapping[str, Any]] = []
     for label, method in methods.items():
-        rates = [_pick(method), *(_pooled(_placed(method, cell)) for cell in CELLS)]
-        paper = [PICK[label].success_rate, *(PLACE[label][cell].success_rate for cell in CELLS)]
-        own = ["none tried" if rate is None else rate.text() for rate in rates]
-        rows.append((label, "ours", *own, method.steps))
-        rows.append((label, "paper", *(f"{figure:.2f}" for figure in paper), THEIRS))
-        for part, rate, figure in zip(_PARTS, rates, paper, strict=True):
-            about = {"method": label, "part": part, "paper_success_rate": figure, "trainings": method.steps}
-            records.append(about | _figures(rate))
+        placed = [method.rate(cell) for cell in CELLS]
+        rates = [_pick(method), *placed]
+        times = [_time(method, "pick", ()), *(_time(method, "place", (cell,)) for cell in CELLS)]
+        paper = [PICK[label], *(PLACE[label][cell] for cell in CELLS)]
+        rows += [
+            (label, "ours", *("none tried" if rate is None else rate.text() for rate in rates), method.steps),
+            (
+                label,
+                "each",
+                _each_pick(method),
+                *(rate.each_text() for rate in placed),
+                method.steps,
+            ),
+            (label, "at the table", *_reached(method), method.steps),
+            (label, "paper", *(f"{figure.success_rate:.2f}" for figure in paper), THEIRS),
+            (label, "time", *("none" if time is None else f"{time:.1f} s" for time in times), method.steps),
+            (label, "paper, time", *(f"{figure.duration_s:.1f} s" for figure in paper), THEIRS),
+        ]
+        for part, rate, time, figure in zip(_PARTS, rates, times, paper, strict=True):
+            records.append(
+                {
+                    "method": label,
+                    "part": part,
+                    **_figures(rate),
+                    "duration_s": time,
+                    "paper_success_rate": figure.success_rate,
+                    "paper_duration_s": figure.duration_s,
+                    "trainings": method.steps,
+                }
+            )
     results = [result for method in methods.values() for result in method.results]
     refuse_other_scenes("fetches", results)
     picks = sorted({kept["result"]["pick"] for kept in results})
@@ -48,8 +70,10 @@ def place(stored: Stored) -> Table:
             f"all pick with {', '.join(picks)}, which reads no scandots; pick: out of those that reached the "
             "table, place: out of all fetches",
             "nobody is told of the table: NoPointNet takes a fixed number of scandots, those of navigation",
-            f"intervals: 95 %, over fetches, by Wilson's and of differences by Newcombe's method; "
-            f"{'; '.join(machines)}, commits {known(kept['commit'] for kept in results)}",
+            "at the table: share of the fetches that came there; time: mean of the successes, of placing "
+            "from the grasp on; the paper does not say whether failures count",
+            f"intervals: 95 %, {INTERVALS}; {'; '.join(machines)}, commits "
+            f"{known(kept['commit'] for kept in results)}",
             "a row again: `spin-reproduce run=true again=true only=fetch/<training>`; its command is in "
             "`results/fetch/<training>.json`",
         ),
@@ -59,26 +83,37 @@ def place(stored: Stored) -> Table:
 
 def _pick(method: Measured) -> Rate | None:
     """Picking of all trainings together; None where nobody came to the table."""
-    picks = [result["result"]["overall"]["pick"] for result in method.results]
+    picks = _picks(method)
     tried = sum(pick["tried"] for pick in picks)
-    return Rate(sum(pick["succeeded"] for pick in picks), tried) if tried else None
+    return Rate.counted(sum(pick["succeeded"] for pick in picks), tried) if tried else None
 
 
-def _placed(method: Measured, *cells: Cell) -> list[Rate]:
-    """Placing in some cells, or in all, of each training."""
+def _each_pick(method: Measured) -> str:
+    tried = [(pick["succeeded"], pick["tried"]) for pick in _picks(method)]
+    return " ".join(f"{succeeded / count:.2f}" if count else "none" for succeeded, count in tried)
+
+
+def _picks(method: Measured) -> list[Mapping[str, Any]]:
+    return [result["result"]["overall"]["pick"] for result in method.results]
+
+
+def _reached(method: Measured) -> list[str]:
+    """Share of the fetches that came to the table: of all, and of each cell."""
+    rows = [row for rows in method.rows() for row in rows]
+    cells = [[row for row in rows if (row["scenario"], row["difficulty"]) == cell] for cell in CELLS]
     return [
-        _pooled(
-            Rate(row["place"]["succeeded"], row["episodes"])
-            for row in result["result"]["rows"]
-            if not cells or (row["scenario"], row["difficulty"]) in cells
-        )
-        for result in method.results
+        f"{sum(row['reach']['succeeded'] for row in some) / sum(row['episodes'] for row in some):.2f}"
+        for some in (rows, *cells)
     ]
 
 
-def _pooled(rates: Iterable[Rate]) -> Rate:
-    rates = list(rates)
-    return Rate(sum(rate.successes for rate in rates), sum(rate.episodes for rate in rates))
+def _time(method: Measured, part: str, cells: Sequence[Cell]) -> float | None:
+    """Mean time of a part of a fetch over those that succeeded in it [s]; None without one."""
+    rows = [row for rows in method.rows() for row in rows]
+    parts = [row[part] for row in rows if not cells or (row["scenario"], row["difficulty"]) in cells]
+    done = [(part["succeeded"], part["duration_s"]) for part in parts if part["succeeded"]]
+    count = sum(succeeded for succeeded, _ in done)
+    return sum(succeeded * time for succeeded, time in done) / count if count else None
 
 
 def _figures(rate: Rate | None) -> dict[str, Any]:
@@ -97,4 +132,4 @@ def _claims(methods: Mapping[str, Measured]) -> tuple[Claim, ...]:
         return ()
     gap = sum(PLACE[one][cell].success_rate - PLACE[other][cell].success_rate for cell in CELLS) / len(CELLS)
     text = "placing, CVO over NoPointNet, all corridors"
-    return (compare(text, _placed(methods[one]), _placed(methods[other]), paper=gap, wanted=0.10),)
+    return (compare(text, methods[one].rate(), methods[other].rate(), paper=gap, wanted=0.10),)

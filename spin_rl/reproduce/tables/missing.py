@@ -26,9 +26,9 @@ class Missing:
         names = tuple(dict.fromkeys(step.name for step in missing))
         parts: list[str] = []
         for name in names:
-            stem = f"{name.rpartition('-')[0]}-"
-            alike = [other for other in steps.by_name if stem in other] if len(stem) > 1 else []
-            parts.append(stem if len(alike) > 1 and set(alike) <= set(names) else name)
+            stem, _, seed = name.rpartition("-")
+            alike = [other for other in steps.by_name if f"{stem}-" in other] if seed.isdigit() else []
+            parts.append(f"{stem}-" if len(alike) > 1 and set(alike) <= set(names) else name)
         parts = list(dict.fromkeys(parts))
         only = f"only={parts[0]}" if len(parts) == 1 else f"'only=[{','.join(parts)}]'"
         return cls(names, steps.command(f"run=true {only}"))

@@ -12,6 +12,11 @@ COMMANDS = (
     "and of its measurement are in `results/reach/<training>.json`"
 )
 
+INTERVALS = (
+    "over scenes and not over trainings: Wilson's, with as many episodes as are independent, and of "
+    "differences in the same scenes Bonett and Price's"
+)
+
 
 def budget_note(methods: list[Measured], how: str = "trained from scratch") -> str:
     """Say what trainings had alike: samples, time, processes, machines and code; `how` they were trained."""
@@ -39,8 +44,7 @@ def episodes_note(methods: list[Measured]) -> str:
     return (
         f"{span(episodes)} episodes a cell and training, seeds {_listed(seeds)}, "
         f"commits {commits}; "
-        "intervals: 95 % by Wilson's method and of differences by Newcombe's, of all trainings of a row "
-        "together, over corridors and not over trainings"
+        f"intervals: 95 %, of all trainings of a row, {INTERVALS}"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from typing import Any, TypeVar
 
 from spin_rl.config import ConfigError
 from spin_rl.reproduce.plan import REACH, Evaluation, Steps
-from spin_rl.reproduce.state import damage_of, read_result, state_of
+from spin_rl.reproduce.state import damage_of, read_result, state_of_result
 from spin_rl.reproduce.tables.missing import Missing
 from spin_rl.reproduce.tables.rates import Rate
 
@@ -46,12 +47,8 @@ class Measured:
         ]
 
     def rate(self, *cells: Cell) -> Rate:
-        """Success in some cells, all trainings together; no cell means all."""
-        return Rate.of(row for rows in self._of(cells) for row in rows)
-
-    def rates(self, *cells: Cell) -> list[Rate]:
-        """Success in some cells of each training."""
-        return [Rate.of(rows) for rows in self._of(cells)]
+        """Success of the trainings in some cells; no cell means all."""
+        return Rate.of(self._of(cells))
 
     def mean(self, key: str, *cells: Cell) -> float | None:
         """Mean of another figure over cells and trainings; None where a row has none.
@@ -91,6 +88,10 @@ _PLACES = ("family", "scene", "obstacles", "scenario", "difficulty")
 """Keys of rows that name where their episodes were."""
 
 
+_CONDITIONS = ("seeds", "num_envs", "sim", "robot", "noise", "goal_tolerance_m")
+"""What must be the same in results that are compared."""
+
+
 def refuse_other_scenes(what: str, results: Iterable[Mapping[str, Any]]) -> None:
     """Refuse to compare results that were not measured in the same scenes.
 
@@ -99,13 +100,12 @@ def refuse_other_scenes(what: str, results: Iterable[Mapping[str, Any]]) -> None
         results: Stored ones.
 
     Raises:
-        ConfigError: Seeds, episodes, places or numbers of worlds differ.
+        ConfigError: Seeds, episodes, places, numbers of worlds, physics, robot, noise or tolerance differ.
     """
     scenes = {
         (
             tuple((row["episodes"], *map(row.get, _PLACES)) for row in facts["rows"]),
-            tuple(facts["seeds"]),
-            facts["num_envs"],
+            json.dumps({key: facts.get(key) for key in _CONDITIONS}, sort_keys=True),
         )
         for facts in (result["result"] for result in results)
     }
@@ -185,7 +185,7 @@ class Stored:
         step = self.steps.by_name.get(name)
         if not isinstance(step, Evaluation):
             raise ConfigError(f"table: {self.table} needs {name}, which the plan does not have")
-        if state_of(self.steps, step).status != "done":
+        if state_of_result(self.steps, step).status != "done":
             if damage := damage_of(name):
                 again = Missing.of(self.steps, [step]).command
                 raise ConfigError(f"table: {damage}, which {self.table} reads; measure it again: {again}")

@@ -6,13 +6,13 @@ import csv
 import io
 import json
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from spin_rl.benchmark.tables.reach import align
 from spin_rl.reproduce.tables.missing import Missing
-from spin_rl.reproduce.tables.rates import Rate, difference
+from spin_rl.reproduce.tables.rates import Rate, difference, spread
 from spin_rl.reproduce.tables.texts import TEXTS
 
 _COLUMNS = 120
@@ -65,7 +65,7 @@ class Claim:
                 "as the text says, against the table" if is_better else "as the table says, against the text"
             )
         elif is_better:
-            told = "reproduced" if self.ours >= self.wanted else "same direction, less of it"
+            told = self._verdict_of_more()
         else:
             told = "the other way round"
         return self.qualified(told)
@@ -74,6 +74,12 @@ class Claim:
         """A verdict, and whether it holds on average alone."""
         low, high = self.trainings or (self.ours, self.ours)
         return verdict if low > 0.0 or high < 0.0 else f"{verdict}{ON_AVERAGE}"
+
+    def _verdict_of_more(self) -> str:
+        if self.ours < self.wanted:
+            return "same direction, less of it"
+        is_small = self.paper is not None and self.ours < 0.5 * self.paper
+        return "reproduced, by less than half of the paper's" if is_small else "reproduced"
 
     def _verdict_of_alike(self) -> str:
         if -_ALIKE < self.low and self.high < _ALIKE:
@@ -85,45 +91,39 @@ class Claim:
 
     def line(self) -> str:
         """All of it in a line."""
-        between = "no pairs of trainings"
-        if self.trainings is not None:
-            between = "between trainings {:+.2f} to {:+.2f}".format(*self.trainings)
         paper = "not given" if self.paper is None else f"{self.paper:+.2f}"
         wanted = {"more": f"wanted {self.wanted:+.2f}", "alike": f"wanted within {_ALIKE:.2f}"}.get(self.kind)
         told = ", ".join(filter(None, [f"paper {paper}", wanted]))
-        return (
-            f"{self.text}: {self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; {between}), "
-            f"{told}: {self.verdict}"
-        )
+        return f"{self.text}: {self.measured()}, {told}: {self.verdict}"
+
+    def measured(self) -> str:
+        """The difference, its interval and that between trainings."""
+        between = "no pairs of trainings"
+        if self.trainings is not None:
+            between = "between trainings {:+.2f} to {:+.2f}".format(*self.trainings)
+        return f"{self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; {between})"
 
 
 def compare(
     text: str,
-    one: Sequence[Rate],
-    other: Sequence[Rate],
+    one: Rate,
+    other: Rate,
     *,
     paper: float | None,
     wanted: float = 0.0,
     kind: Kind = "more",
 ) -> Claim:
-    """Compare the rates of several trainings of two kinds.
+    """Compare two kinds of trainings in the same scenes.
 
     Args:
         text: What the paper claims.
-        one: Rates of those that should be better.
-        other: Rates of the others.
+        one: Those that should be better.
+        other: The others.
         paper: Difference in the paper.
         wanted: Difference from which the claim counts as reproduced.
         kind: What is claimed.
     """
-    pooled = [
-        Rate(sum(rate.successes for rate in rates), sum(rate.episodes for rate in rates))
-        for rates in (one, other)
-    ]
-    pairs = [a.value - b.value for a in one for b in other]
-    mean, low, high = difference(*pooled)
-    between = (min(pairs), max(pairs)) if len(pairs) > 1 else None
-    return Claim(text, mean, low, high, between, paper, wanted, kind)
+    return Claim(text, *difference(one, other), spread(one.each, other.each), paper, wanted, kind)
 
 
 @dataclass(frozen=True)

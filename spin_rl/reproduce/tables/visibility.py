@@ -27,13 +27,12 @@ def visibility(stored: Stored) -> Table:
     for metres, method in methods.items():
         rate, paper = method.rate(), VISIBILITY[metres]
         distance, nearest, farthest = method.final_distance()
-        each = " ".join(f"{one.value:.2f}" for one in method.rates())
         timeouts = method.mean("timeout_rate") or 0.0
         rows.append(
             (
                 f"{metres} m",
                 rate.text(),
-                each,
+                rate.each_text(),
                 f"{paper.success_rate:.2f}",
                 f"{distance:.2f} m ({nearest:.2f}-{farthest:.2f})",
                 f"{paper.final_distance_m:.2f} m",
@@ -49,7 +48,7 @@ def visibility(stored: Stored) -> Table:
                 "ci95_low": low,
                 "ci95_high": high,
                 "episodes": rate.episodes,
-                "each_training": each,
+                "each_training": " ".join(f"{each:.4f}" for each in rate.each),
                 "paper_success_rate": paper.success_rate,
                 "final_distance_m": distance,
                 "final_distance_ci95_low": nearest,
@@ -79,4 +78,4 @@ def _claims(methods: Mapping[int, Measured]) -> tuple[Claim, ...]:
     if not {2, 5} <= methods.keys():
         return ()
     gap = VISIBILITY[2].success_rate - VISIBILITY[5].success_rate
-    return (compare("2 m over 5 m", methods[2].rates(), methods[5].rates(), paper=gap, wanted=0.0),)
+    return (compare("2 m over 5 m", methods[2].rate(), methods[5].rate(), paper=gap, wanted=0.0),)
