@@ -232,8 +232,8 @@ def test_list_tells_states_and_the_time_that_is_left(steps):
     assert lines[1] == "one: two phases"
     assert lines[2].split()[:5] == ["first-1", "done", "0.00", "M", "3.5"]
     assert lines[3].split()[:2] == ["first-2", "partial"]
-    # Half of the second training, two more, and three evaluations of three minutes.
-    assert lines[-1] == "1 of 7 steps done; about 34 min left, 1 at a time"
+    # Half of the second training, two more, and three evaluations of four minutes.
+    assert lines[-1] == "1 of 7 steps done; about 37 min left, 1 at a time"
 
 
 def test_a_group_may_be_measured_in_another_way(tmp_path, monkeypatch):
