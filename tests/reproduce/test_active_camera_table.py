@@ -157,7 +157,7 @@ def test_scenes_are_paired_and_trainings_averaged():
         return active_camera.Measured(name, tuple(facts | {"result": places(s)} for s in successes))
 
     free, other = measured("free", ~hard, ~hard), measured("other", ~hard & (rng.random(300) < 0.8), ~hard)
-    margin = active_camera.compare("other", free, other)
+    margin = active_camera.margin_over("other", free, other)
     lost = np.mean([free.rate().value - other.rate().value])
     assert margin.ours == pytest.approx(lost) and margin.trainings[0] == 0.0
     # Unpaired, the interval of two rates near 0.5 would be 0.11 wide either way.
@@ -171,7 +171,7 @@ def test_results_of_other_scenes_are_refused():
         for seeds in ((3,), (4,))
     ]
     with pytest.raises(ConfigError, match="table: b and a were measured in other scenes"):
-        active_camera.compare("b", *made)
+        active_camera.margin_over("b", *made)
 
 
 def test_what_is_missing_is_one_line_with_its_command(steps):

@@ -8,6 +8,7 @@ import pytest
 from stored_results import store_all
 
 from spin_rl.cli import evaluate
+from spin_rl.paths import RESULT_DIR
 from spin_rl.reproduce import state
 from spin_rl.reproduce.plan import PAPER
 from spin_rl.reproduce.tables.page import open_stored, page
@@ -42,6 +43,15 @@ def spin_eval(monkeypatch, capsys):
 
 def test_the_committed_page_is_what_the_results_say():
     assert COMMITTED.read_text() == page(), "spin-eval table=all out=docs/results.md"
+
+
+def test_rows_of_one_name_are_of_one_run():
+    """A policy that was trained anew is measured anew in all tables."""
+    runs = {}
+    for file in sorted(RESULT_DIR.glob("*/*.json")):
+        for training in json.loads(file.read_text())["trainings"]:
+            run = (training["env_steps"], training["minutes"], training["success_rate"])
+            assert runs.setdefault(training["name"], run) == run, file
 
 
 def test_the_page_has_every_table_with_its_sentences_and_command(results):

@@ -57,7 +57,7 @@ def active_camera(stored: Stored) -> Table:
         every += methods.values()
         free = stored.of_trainings(KIND, f"{LEARN_IN if group == LEARN else group}_free")
         for name, method in methods.items():
-            margin = None if method.name == free.name else compare(name, free, method)
+            margin = None if method.name == free.name else margin_over(name, free, method)
             rows.append(_row(group, name, method, margin))
             records.append(_record(group, name, method, margin))
             if margin is not None and _is_held(method):
@@ -128,7 +128,7 @@ def _add_fetches(stored: Stored, rows: list[tuple[str, ...]], margins: list[Marg
     free = Measured("free", (found,))
     rows.append(_fetch_row("free", free, None))
     for method in trained:
-        margin = compare(f"{method.name} in fetches", free, method)
+        margin = margin_over(f"{method.name} in fetches", free, method)
         pan, tilt = method.results[0]["result"]["camera_pose"]
         rows.append(_fetch_row(f"{method.name} [{pan:g},{tilt:g}]", method, margin))
         margins.append(margin)
@@ -159,7 +159,7 @@ def _is_held(method: Measured) -> bool:
     return any(argument.startswith(_HELD) for argument in arguments)
 
 
-def compare(name: str, free: Measured, other: Measured) -> Margin:
+def margin_over(name: str, free: Measured, other: Measured) -> Margin:
     """Compare trainings in the same scenes.
 
     Args:
