@@ -13,14 +13,13 @@ from spin_rl.sensors.interface import Sensor
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sensors.scandots import Obstacles
 from spin_rl.sim.targets import action_for
-from spin_rl.warp_kernels.awareness import FRESH_S
 from spin_rl.warp_kernels.gaze import find_next
 from spin_rl.warp_kernels.slots import Slots, slots_of
 
 LEAD_S = 0.8
 """What is nearest to where the base will be after this time comes first [s], as in `analysis/sight`."""
-NEAR_M = 0.7
-"""Only what is nearer then counts: before that, a camera along the way shows what appears on it [m]."""
+FRESH_S = 0.1
+"""What moves is known for so long after it was seen [s]: it is looked at until it stands."""
 
 _PAN, _TILT = (robot.JOINTS.index(joint) for joint in robot.CAMERA_JOINTS)
 _LOW = wp.constant(wp.vec2(robot.JOINT_LOWER[_PAN], robot.JOINT_LOWER[_TILT]))
@@ -89,6 +88,7 @@ class Gaze(Sensor):
         ahead: wp.array,
         seen: SeenThings,
         *,
+        near_m: float,
         mount: robot.CameraMount,
         period: float,
     ) -> None:
@@ -100,6 +100,8 @@ class Gaze(Sensor):
             qvel: ``d.qvel``, shape (nworld, nv).
             ahead: Where the way goes, the goal or the planner's next point of it [m], shape (nworld,), vec2.
             seen: What the camera has shown; updated before this one is.
+            near_m: Only what is nearer to the base then counts: until then a camera along the way shows what
+                appears on it [m].
             mount: How the camera is mounted: how high its image is.
             period: Time between two steps [s].
         """
@@ -107,7 +109,7 @@ class Gaze(Sensor):
         self._qpos, self._qvel, self._memory = qpos, qvel, seen.memory
         self._ahead = ahead
         self._most_above = _OF_IMAGE * math.atan(robot.camera_tan_half_fov(mount)[0])
-        self._fresh = round(FRESH_S / period)
+        self._near, self._fresh = near_m, round(FRESH_S / period)
         nworld, device = obstacles.pos.shape[0], obstacles.pos.device
         self._next = wp.zeros(nworld, dtype=wp.int32, device=device)
         self.gaze = wp.zeros((nworld, 3), dtype=float, device=device)
@@ -122,7 +124,7 @@ class Gaze(Sensor):
             self._memory,
             fresh=self._fresh,
             lead=LEAD_S,
-            near=NEAR_M,
+            near=self._near,
             slot_out=self._next,
         )
         wp.launch(

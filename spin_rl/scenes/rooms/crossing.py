@@ -1,4 +1,4 @@
-# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportArgumentType=false
 # (Warp kernels and structs are another language in Python's syntax: annotations there are not types)
 """Halls with side openings out of which things move, as a Warp function."""
 
@@ -12,7 +12,7 @@ from spin_rl.scenes.rooms.struct import FamilyStruct
 from spin_rl.scenes.rooms.walls import put_wall, put_walls
 from spin_rl.warp_kernels.slots import Slots, put_slot
 
-_MAX_STATIONS = wp.constant(3)
+_MAX_STATIONS = wp.constant(4)
 """Most places along the hall with an opening on one side or on both."""
 
 _LEAST_REACH = wp.constant(0.3)
@@ -85,13 +85,15 @@ def _put_mover(
 def build_crossing(
     world: int, p: ParamsStruct, q: FamilyStruct, seed: int, site: Site, slots: Slots, track: Track
 ) -> Site:
-    """A hall along x between two lanes; two or three stations, each with an opening left, right or both."""
+    """A hall along x between two lanes; stations along it, each with an opening left, right or both."""
     state = wp.rand_init(seed, 0)
     x = 0.5 * wp.lerp(q.crossing_length[0], q.crossing_length[1], wp.randf(state))
     half_width = 0.5 * wp.lerp(q.crossing_width[0], q.crossing_width[1], wp.randf(state))
     lane = wp.lerp(q.crossing_lane[0], q.crossing_lane[1], wp.randf(state))
     height = wp.lerp(p.wall_height[0], p.wall_height[1], wp.randf(state))
-    stations = 2 + int(2.0 * wp.randf(state))
+    fewest = q.crossing_stations[0]
+    most = q.crossing_stations[1]
+    stations = wp.min(fewest + int(float(most - fewest + 1) * wp.randf(state)), most)
     t = p.wall_thickness
     outer = half_width + t + lane
     now = put_walls(world, t, height, with_rectangle(site, -x, -outer, x, outer), slots)

@@ -129,6 +129,7 @@ class CrossingParams:
         length: Of the hall.
         width: Of the hall.
         lane: Width of the lanes on either side.
+        stations: Places along the hall with an opening, each on the left, the right or both sides.
         opening: Width of an opening.
         mover_share: Share of openings with a mover.
         patrolling_share: Share of movers that go to and fro; the others wait for the robot.
@@ -141,6 +142,7 @@ class CrossingParams:
     length: tuple[float, float] = (7.0, 11.0)
     width: tuple[float, float] = (1.4, 2.4)
     lane: tuple[float, float] = (1.3, 2.0)
+    stations: tuple[int, int] = (2, 3)
     opening: tuple[float, float] = (0.8, 1.2)
     mover_share: float = 0.7
     patrolling_share: float = 0.5
@@ -183,7 +185,7 @@ class ShuttleParams:
     """
 
     width: tuple[float, float] = (0.53, 0.56)
-    passage: float = 0.44
+    passage: float = 0.47
     ahead: tuple[float, float] = (1.2, 1.5)
     back: tuple[float, float] = (2.2, 2.9)
     floating_share: float = 0.5
@@ -319,6 +321,7 @@ _LIMITS = {
     "crossing.length": (5.0, 11.7),
     "crossing.width": (1.2, 4.0),
     "crossing.lane": (1.0, 4.0),
+    "crossing.stations": (1, 4),
     "crossing.opening": (0.6, 1.5),
     "crossing.half_size": (0.05, 0.5),
     "crossing.trigger": (0.5, 5.0),

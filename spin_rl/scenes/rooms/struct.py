@@ -42,6 +42,7 @@ class FamilyStruct:
     crossing_length: wp.vec2
     crossing_width: wp.vec2
     crossing_lane: wp.vec2
+    crossing_stations: wp.vec2i
     crossing_opening: wp.vec2
     crossing_mover_share: float
     crossing_patrolling_share: float

@@ -108,7 +108,7 @@ class NavConfig(CorridorConfig):
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
         clearance_m: Distance to the scene from which the reward term `clearance` counts speed [m].
         information_m: Distance from the base at which the reward term `information` asks whether a thing
-            had been seen [m].
+            had been seen, and within which the gaze looks for what was not [m].
         scene: Parameters of the layout generator.
         noise: Sensor noise.
         map: A noisy map as an observation group (paper, baseline Mapping).

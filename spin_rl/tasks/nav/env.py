@@ -202,7 +202,9 @@ class NavEnv(CorridorEnv):
         if cfg.teach_gaze:
             ahead = self._goal if self.planner is None else wp.from_torch(self.planner.subgoal, dtype=wp.vec2)
             moves = (sim.data.qpos, sim.data.qvel, ahead)
-            self._gaze = Gaze(sim.layout, *moves, seen, mount=cfg.camera_mount, period=period)
+            self._gaze = Gaze(
+                sim.layout, *moves, seen, near_m=cfg.information_m, mount=cfg.camera_mount, period=period
+            )
         return seen
 
     def _set_camera(self, action: torch.Tensor) -> None:
