@@ -47,6 +47,7 @@ _RULES = (
     "hard_force_n",
     "fall_m",
     "place_m",
+    "head_sweeps",
     "carry_moves",
     "carry_lift_m",
 )

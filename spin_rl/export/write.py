@@ -111,6 +111,8 @@ def export_fetch(
         config = FETCH.configure(settings.for_policy(compose("eval", ["task=fetch"]), source.trained, ()))
     if config.camera_pose is not None:
         raise ConfigError("task.camera_pose: the stages of an exported fetch turn the head")
+    if not config.head_sweeps:
+        raise ConfigError("task.head_sweeps: the stages of an exported fetch sweep the head")
     stems = [Path(name).stem for name in source.names.values()]
     if stems[0] == stems[1]:  # such as checkpoints of two runs
         stems = ["nav", "pick"]

@@ -63,6 +63,7 @@ class FetchConfig(GraspConfig, CorridorConfig):
         home_tolerance_m: Distance at which the start is reached again [m]; unlike goals, starts can be where
             the navigation policy would not stop, close to a wall or obstacle.
         place_m: Largest distance from the robot's start to the object at the end [m].
+        head_sweeps: The head sweeps to find the object; else, and where it is held, the base turns instead.
         carry_moves: Arm and wrist joints that the navigation policy moves while it carries; the others hold.
         carry_lift_m: Lowest lift while it carries [m].
         scene: Parameters of the scenes.
@@ -76,6 +77,7 @@ class FetchConfig(GraspConfig, CorridorConfig):
     retries: int = 1
     home_tolerance_m: float = 0.35
     place_m: float = 0.5
+    head_sweeps: bool = True
     carry_moves: tuple[str, ...] = ("lift",)
     carry_lift_m: float = 0.5
     curriculum: CurriculumConfig = field(default_factory=lambda: CurriculumConfig(enabled=False, start=1.0))

@@ -141,7 +141,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             carry_moves=wp.array([joint in cfg.carry_moves for joint in robot.JOINTS], dtype=wp.bool),
             carry_lift_m=cfg.carry_lift_m,
             pick_speed=(increments.forward_speed, increments.turn_speed),
-            turns_to_look=self._held is not None,
+            turns_to_look=self._held is not None or not cfg.head_sweeps,
             period=period,
         )
         self._knowledge = Knowledge(sim, self._forces, cfg.scene.table_slot)

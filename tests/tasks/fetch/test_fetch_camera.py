@@ -37,17 +37,19 @@ def test_without_a_pose_scripts_look_around(make_fetch_env):
     assert (wp.to_torch(env.sim.target)[:, -2] - before).abs().min() > 0.01
 
 
-def test_with_a_pose_the_base_looks_around_in_its_place(make_fetch_env):
-    env = make_fetch_env(FetchConfig(camera_pose=POSE), num_envs=2, seed=3)
+@pytest.mark.parametrize("cfg", [FetchConfig(camera_pose=POSE), FetchConfig(head_sweeps=False)])
+def test_the_base_looks_around_in_the_place_of_the_head(make_fetch_env, cfg):
+    env = make_fetch_env(cfg, num_envs=2, seed=3)
     state(env, "is_found").fill_(False)
     for world in range(2):
         enter(env, ALIGN, world)
-    before = env.sim.views.qpos[:, :3].clone()
+    before, head = env.sim.views.qpos[:, :3].clone(), wp.to_torch(env.sim.target)[:, -2:].clone()
     for _ in range(10):
         env.step(torch.zeros(2, 10, device=env.device))
         state(env, "is_found").fill_(False)
     moved = env.sim.views.qpos[:, :3] - before
     assert moved[:, :2].norm(dim=1).max() < 0.05 and moved[:, 2].abs().min() > 0.3
+    torch.testing.assert_close(wp.to_torch(env.sim.target)[:, -2:], head, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize(("pose", "stage"), [(POSE, PICK), (None, ALIGN)])
@@ -63,7 +65,9 @@ def test_only_a_head_that_can_turn_must_see_the_object_when_the_pick_begins(make
     assert env.stage.tolist() == [stage, stage]
 
 
-def test_a_fetch_with_a_held_camera_is_not_exported(tmp_path, monkeypatch):
+@pytest.mark.parametrize("setting", [{"camera_pose": POSE}, {"head_sweeps": False}])
+def test_a_fetch_whose_stages_do_not_turn_the_head_is_not_exported(tmp_path, monkeypatch, setting):
     monkeypatch.setattr(write, "open_for", lambda *_: None)
-    with pytest.raises(ConfigError, match=r"^task\.camera_pose: the stages of an exported fetch turn"):
-        write.export_fetch("a", "b", tmp_path, FetchConfig(camera_pose=POSE))
+    said = rf"^task\.{next(iter(setting))}: the stages of an exported fetch"
+    with pytest.raises(ConfigError, match=said):
+        write.export_fetch("a", "b", tmp_path, FetchConfig(**setting))

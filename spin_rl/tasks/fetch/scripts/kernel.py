@@ -35,7 +35,7 @@ wp.set_module_options({"enable_backward": False})
 class Drive:
     """The robot's limits and the control period, as scripts need them.
 
-    `turns_to_look` makes the base look for the object, not the head, since that is held.
+    `turns_to_look` makes the base look for the object, not the head.
     """
 
     joint_low: wp.array[float]

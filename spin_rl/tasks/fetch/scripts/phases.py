@@ -121,7 +121,7 @@ def align(
         c.joints[ROLL] = 0.0
     else:
         # Unfolded, but the object is out of sight: look around again.
-        if state.phase_time[w] > SETTLE:
+        if state.phase_time[w] > SETTLE and not turns_to_look:
             c = sweep(c, state.phase_time[w], period)
     return c
 
