@@ -20,7 +20,7 @@ def test_everything_waits_out_of_sight_for_the_robot(scenes):
         assert 2.0 * scene.half_size[scene.is_wall & scene.active, 2].min() >= 1.6 - 1e-5
         movers = np.flatnonzero(scene.active & ~scene.is_wall)
         assert 4 <= len(movers) == (scene.motion_speed[movers] > 0.0).sum() <= 8
-        assert (scene.motion_trigger[movers] >= 0.7).all() and (scene.motion_trigger[movers] <= 1.1).all()
+        assert (scene.motion_trigger[movers] >= 0.65).all() and (scene.motion_trigger[movers] <= 1.0).all()
         assert (np.hypot(*(scene.home[movers, :2] - scene.start[:2]).T) > 0.5).all()
         floating += list(scene.pos[movers, 2] - scene.half_size[movers, 2] > 1.0)
         sides += list(np.sign(scene.retreat[movers, 1]))

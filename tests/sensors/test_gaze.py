@@ -18,13 +18,13 @@ GOAL = (4.0, 0.0)
 
 def make(make_nav_env, pose=POSE, goal=GOAL, boxes=BOXES, **settings):
     scene = Scene.empty(PoolSpec())
-    scene.start_joints[:] = [*(robot.STOWED[joint] for joint in robot.JOINTS[:-2]), *pose]
+    scene.start_joints[:] = [*(robot.STOWED[joint] for joint in robot.JOINTS[:-2]), *(pose or POSE)]
     scene.goal[:] = goal
     for i, centre in enumerate(boxes):
         slot = scene.pool.first_box + i
         scene.pos[slot], scene.half_size[slot], scene.active[slot] = centre, (0.1, 0.1, 0.1), True
     drives = {"robot_profile": "reversing", "stop_on_collision": False}
-    cfg = NavConfig(camera_pose=pose, teach_gaze=True, **drives, **settings)
+    cfg = NavConfig(camera_pose=pose, **{"teach_gaze": True} | drives | settings)
     return make_nav_env(cfg, num_envs=2, scene=scene)
 
 
@@ -111,3 +111,17 @@ def test_a_thing_high_up_is_in_the_image(make_nav_env, mount):
 def test_rates_are_no_places_to_look(make_nav_env):
     with pytest.raises(ValueError, match=r"task\.teach_gaze: needs camera_action=target"):
         NavConfig(teach_gaze=True, camera_action="rate")
+
+
+def test_a_camera_that_follows_the_gaze_shows_what_was_to_be_seen(make_nav_env):
+    """Against the true places: the head arrives there, whatever the policy says, and then along the way."""
+    env = make(make_nav_env, pose=None, boxes=BOXES[:1], teach_gaze=False, camera_action="gaze")
+    assert "gaze" not in env.get_observations()
+    action = torch.zeros(2, 10, device=env.device)
+    action[:, -2:] = -1.0
+    for _ in range(12):
+        env.step(action)
+    head = env.sim.views.qpos[0, 11:13].cpu().numpy()
+    sent = [robot.action_of(joint, at) for joint, at in zip(robot.CAMERA_JOINTS, head, strict=True)]
+    assert off_axis(env, sent, along_the_way(env, GOAL)) < 0.15
+    assert env.scandots.visible.numpy()[0].any()

@@ -15,7 +15,7 @@ from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_po
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
 
-CAMERA_ACTIONS = ("target", "rate")
+CAMERA_ACTIONS = ("target", "rate", "gaze")
 """What the camera's actions may say."""
 
 
@@ -98,11 +98,12 @@ class NavConfig(CorridorConfig):
 
     Attributes:
         camera_action: What the camera's two actions say: "target", where the head goes, or "rate", how fast
-            its target moves, 1 being the head's largest speed.
+            its target moves, 1 being the head's largest speed. Or "gaze": nothing, the camera looks where one
+            looks that knows what it has not shown yet (`sensors.gaze`), which no robot can know.
         camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then
             [s]; None lets it move. `camera_pose` goes before both.
-        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate. Not
-            with camera actions that are rates.
+        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate; with
+            camera actions that are targets.
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.

@@ -126,8 +126,10 @@ class NavEnv(CorridorEnv):
         )
         self._make_lidar(cfg, observations)
         self.observations = observations
-        if self._gaze is not None:
+        if self._gaze is not None and cfg.teach_gaze:
             observations.add(gaze=self._gaze.gaze)
+        elif self._gaze is not None and self._camera is not None:
+            self._camera.follow(wp.to_torch(self._gaze.gaze))
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
         self._begin(
@@ -186,7 +188,8 @@ class NavEnv(CorridorEnv):
         self._awareness: Awareness | None = None
         self._gaze: Gaze | None = None
         is_rewarded = "information" in self._reward_scales
-        if not (cfg.guard.enabled or is_rewarded or cfg.teach_gaze):
+        is_gazed = cfg.teach_gaze or cfg.camera_action == "gaze"
+        if not (cfg.guard.enabled or is_rewarded or is_gazed):
             return None
         sim, period = self.sim, cfg.sim.control_period
         max_age = round(cfg.guard.memory_s / period)
@@ -199,7 +202,7 @@ class NavEnv(CorridorEnv):
                 self.guard.add_recovery(self.planner.field, cfg.planner.stuck_s, self._episode_length)
         if is_rewarded:
             self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
-        if cfg.teach_gaze:
+        if is_gazed:
             ahead = self._goal if self.planner is None else wp.from_torch(self.planner.subgoal, dtype=wp.vec2)
             moves = (sim.data.qpos, sim.data.qvel, ahead)
             self._gaze = Gaze(
