@@ -42,18 +42,26 @@ def num_gpus() -> int:
     return torch.cuda.device_count() if torch.cuda.is_available() else 0
 
 
-def commit() -> str | None:
-    """Commit of the checkout that holds the package, with "-dirty" if files differ; None outside of one."""
-    root = CONF_DIR.parent
+def commit(root: Path = CONF_DIR.parent) -> str | None:
+    """Commit of a checkout, with "-dirty" if files differ; None outside of one.
+
+    Args:
+        root: The checkout; without one, that which holds the package.
+    """
     if not (root / ".git").exists():
         return None
-    command = ["git", "--no-optional-locks", "-C", str(root)]
-    command += ["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=True)
+        name = _git(root, "rev-parse", "--short=12", "HEAD")
+        # Results and their page are what is being made: they are no code.
+        changed = _git(root, "diff", "--name-only", "HEAD", "--", ".", ":!results", ":!docs/results.md")
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip() or None
+    return f"{name}-dirty" if changed else name
+
+
+def _git(root: Path, *arguments: str) -> str:
+    command = ["git", "--no-optional-locks", "-C", str(root), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=True).stdout.strip()
 
 
 def _cpu_model() -> str:
