@@ -84,6 +84,9 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             values = OmegaConf.select(source, f"task.{section}")
             if values is not None:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
+    has_map = bool(OmegaConf.select(sources[0], "task.map.enabled"))
+    if has_map:
+        OmegaConf.update(joint, "task.map", OmegaConf.select(sources[0], "task.map"), force_add=True)
     if (goal_range := OmegaConf.select(sources[0], "task.goal_range_m")) is not None:
         OmegaConf.update(joint, "task.goal_range_m", goal_range, force_add=True)
     if OmegaConf.select(sources[0], "runner.actor.encoder") == "concat":  # a fixed number of tokens
@@ -98,6 +101,8 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
     filters = [f"depth.filter.{name}" for name in read or () if name not in _RANGE]
     for key in ("robot.profile", "task.camera_mount", "task.camera_pose", *filters):
         users = seeing if key in filters else [source for source in sources if source]
+        if key == "task.camera_pose" and has_map:  # nothing was seen by the camera that was held
+            users = users[1:]
         values = [OmegaConf.select(source, key) for source in users]
         if any(value != values[0] for value in values):
             raise ConfigError(f"pick: {key} is {values[1]} there and {values[0]} in the policy that drives")

@@ -27,7 +27,7 @@ def test_an_unknown_task_is_an_error_that_lists_the_tasks():
 @pytest.mark.parametrize("name", TASKS)
 def test_the_groups_are_those_of_the_environment(name, device):
     spec = TASKS[name]
-    optional = ["map", "lidar"] if name == "nav" else []
+    optional = {"nav": ["map", "lidar"], "fetch": ["map"]}.get(name, [])
     enabled = [f"task.{sensor}.enabled=true" for sensor in ("depth", *optional)]
     enabled += ["task.teach_gaze=true"] if name == "nav" else []
     cfg = spec.configure(compose("eval", [f"task={name}", *enabled]))

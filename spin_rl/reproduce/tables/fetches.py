@@ -12,7 +12,12 @@ from spin_rl.reproduce.tables.rates import Rate
 from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 
-_METHODS = {"NoPointNet": "nopointnet", "SPIN (DVO)": "dvo", "SPIN (CVO)": "cvo"}
+_METHODS = {
+    "NoPointNet": "nopointnet",
+    "Mapping": "mapping",
+    "SPIN (DVO)": "dvo",
+    "SPIN (CVO)": "cvo",
+}
 """Row of Table 1 -> name of its trainings that drive."""
 _PARTS = ("pick", *(f"place S{scenario} {difficulty}" for scenario, difficulty in CELLS))
 

@@ -31,9 +31,9 @@ TEXTS: Mapping[str, Text] = MappingProxyType(
         ),
         "place": Text(
             "Table 1, pick and place: success in whole fetches",
-            "Policies of the table above drive, and one shipped policy picks in all rows. It was trained "
-            "with a camera that moves and without a map, so FixCam and Mapping, which would have to share "
-            "their camera or map with it, have no row.",
+            "Policies of the table above drive, and one shipped policy picks in all rows, with a camera that "
+            "moves. FixCam has no row: fetches [with one pose](active_camera.md#one-pose-for-a-whole-fetch)"
+            " are another comparison, with policies that were trained for it.",
         ),
         "fixcam": Text(
             "FixCam: success with the camera frozen in each of the paper's poses",

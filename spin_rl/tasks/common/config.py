@@ -10,6 +10,7 @@ from typing import Annotated, get_args
 from spin_rl import robot
 from spin_rl.config import Choice
 from spin_rl.sensors.depth.pipeline import DepthConfig
+from spin_rl.sensors.noisy_map import MapConfig
 from spin_rl.sim.config import SimConfig
 
 CameraMount = Annotated[robot.CameraMount, Choice(get_args(robot.CameraMount))]
@@ -187,6 +188,7 @@ class CorridorConfig(TaskConfig):
         scenario: 1 straight, 2 L-shaped, 0 a mix of both.
         difficulty: 0 easy, 1 medium, 2 hard, -1 a mix limited by the curriculum.
         scandots: What the camera sees of obstacles.
+        map: A noisy map as an observation group (paper, baseline Mapping).
     """
 
     goal_tolerance_m: float = 0.15
@@ -194,6 +196,7 @@ class CorridorConfig(TaskConfig):
     scenario: int = 0
     difficulty: int = -1
     scandots: ScandotsConfig = field(default_factory=ScandotsConfig)
+    map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
         """Reject impossible values with the key's name."""

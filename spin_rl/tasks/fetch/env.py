@@ -12,6 +12,7 @@ from tensordict import TensorDict
 
 from spin_rl import robot
 from spin_rl.scenes.corridor_tables.generator import generate_fetch_scenes
+from spin_rl.sensors.noisy_map import NoisyMap
 from spin_rl.sim.drive import DriveLimits
 from spin_rl.sim.simulation import Simulation
 from spin_rl.tasks.common import episode
@@ -94,11 +95,31 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         self.stage = wp.to_torch(self._state.stage)
         self._reached, self._picked = wp.to_torch(self._state.reached), wp.to_torch(self._state.picked)
         self._recorded = wp.to_torch(self._record.outcome)
-        self.observations = self._make_observations(cfg, seed)
+        noisy_map = self._make_map(cfg)
+        self.observations = self._make_observations(cfg, seed, noisy_map)
         self.statistics = FetchStatistics(num_envs, device)
-        self._begin(seed, capture, sensors=(self.scandots, self.sight, self.depth))
+        self._begin(seed, capture, sensors=(self.scandots, noisy_map, self.sight, self.depth))
 
-    def _make_observations(self, cfg: FetchConfig, seed: int) -> FetchObservations:
+    def _make_map(self, cfg: FetchConfig) -> NoisyMap | None:
+        """Make what a policy with a map drives by; its kind of errors is drawn once, for the whole fetch."""
+        if not cfg.map.enabled:
+            return None
+        everywhere = wp.ones(self.num_envs, dtype=float, device=self.device)
+        return NoisyMap(
+            self.scandots.all,
+            cfg.map.errors,
+            seed=self._seed,
+            episode=self._counter,
+            step=self._episode_length,
+            level=self._level,
+            way=everywhere,
+            way_left=everywhere,
+            qpos=self.sim.data.qpos,
+        )
+
+    def _make_observations(
+        self, cfg: FetchConfig, seed: int, noisy_map: NoisyMap | None
+    ) -> FetchObservations:
         sim = self.sim
         pick = PickObservations(
             sim,
@@ -111,7 +132,8 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             max_length=round(cfg.limits.pick / cfg.sim.control_period),
             hold_steps=self._rules.hold_steps,
         )
-        nav = NavObservations(sim, self.goal, self.scandots, cfg.noise, seed, self.depth, cfg.goal_range_m)
+        given = (cfg.noise, seed, self.depth, cfg.goal_range_m)
+        nav = NavObservations(sim, self.goal, self.scandots, *given, noisy_map=noisy_map)
         told = None
         if not cfg.tell_table:
             slots = [slot for slot in range(cfg.scene.pool.num_slots) if slot != cfg.scene.table_slot]

@@ -1,6 +1,6 @@
 """Observation groups of the fetch task: those of navigation and of picking, each policy reads its own.
 
-proprio, goal, scandots, scandots_all, depth   see `nav/observations.py`
+proprio, goal, scandots, scandots_all, scandots_map, depth   see `nav/observations.py`
 hand, object_start, object, object_at_start, privileged  see `pick/observations.py`
 hand_in_image  likewise, in the pick policy's range of depths
 stage  (num_envs, 1)  index into `state.STAGES`
@@ -53,7 +53,7 @@ class FetchObservations:
         groups = self._pick.compute()
         groups.update(self._nav.compute())
         if self._told is not None:
-            for name in ("scandots", "scandots_all"):
+            for name in {"scandots", "scandots_all", "scandots_map"} & set(groups.keys()):
                 tokens = groups[name].unflatten(-1, (-1, TOKEN_SIZE))
                 groups[name] = tokens.index_select(1, self._told).flatten(1)
         groups["stage"] = self._stage[:, None].float()

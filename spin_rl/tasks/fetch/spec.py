@@ -9,7 +9,7 @@ from spin_rl.tasks.fetch.config import FetchConfig
 from spin_rl.tasks.nav.spec import NAV
 from spin_rl.tasks.pick.spec import PICK
 
-_NAV_ALONE = ("way", "scandots_map", "lidar", "odometry", "gaze")
+_NAV_ALONE = ("way", "lidar", "odometry", "gaze")
 """Groups of navigation that fetches lack: what only critics and baselines read."""
 
 FETCH = TaskSpec(

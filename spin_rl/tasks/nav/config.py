@@ -9,7 +9,6 @@ from spin_rl.config import Choice, ConfigError, Range
 from spin_rl.planning.distance_field import GridSpec
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.lidar import LidarConfig
-from spin_rl.sensors.noisy_map import MapConfig
 from spin_rl.sensors.odometry import OdometryConfig
 from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
 from spin_rl.tasks.common.rewards import check_scales
@@ -112,7 +111,6 @@ class NavConfig(CorridorConfig):
             had been seen, and within which the gaze looks for what was not [m].
         scene: Parameters of the layout generator.
         noise: Sensor noise.
-        map: A noisy map as an observation group (paper, baseline Mapping).
         guard: What keeps the base from driving into what was seen, whatever the policy asks for.
         planner: What gives the policy points of the way through what was seen for its goal.
         lidar: A lidar on the base, with `odometry` as observation groups, for baselines.
@@ -132,7 +130,6 @@ class NavConfig(CorridorConfig):
     )
     scene: GeneratorParams = field(default_factory=GeneratorParams)
     noise: NavNoise = field(default_factory=NavNoise)
-    map: MapConfig = field(default_factory=MapConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)

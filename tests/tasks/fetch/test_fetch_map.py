@@ -1,0 +1,44 @@
+"""A policy that drives by a map, in a whole fetch."""
+
+import pytest
+import torch
+from fetch_worlds import CARRY, REACH, enter
+
+from spin_rl.benchmark import settings
+from spin_rl.config import ConfigError
+from spin_rl.sensors.noisy_map import MapConfig
+from spin_rl.tasks.fetch.config import FetchConfig
+
+NAV = {
+    "robot": {"profile": "paper"},
+    "task": {"map": {"enabled": True, "errors": "mixture"}, "camera_pose": [0.0, -0.6]},
+}
+PICK = {"robot": {"profile": "paper"}, "task": {"camera_pose": None}}
+
+
+@pytest.mark.parametrize("stage", [REACH, CARRY])
+def test_an_exact_map_tells_what_is_there(make_fetch_env, stage):
+    env = make_fetch_env(FetchConfig(map=MapConfig(enabled=True, errors="none")), num_envs=3, seed=3)
+    for world in range(3):
+        enter(env, stage, world)
+    obs = env.step(torch.zeros(3, 10, device=env.device))[0]
+    torch.testing.assert_close(obs["scandots_map"], obs["scandots_all"])
+    assert obs["scandots_map"].any()
+
+
+def test_a_map_with_errors_does_not_and_neither_need_tell_of_the_table(make_fetch_env):
+    cfg = FetchConfig(map=MapConfig(enabled=True, errors="large"), tell_table=False)
+    env = make_fetch_env(cfg, num_envs=3, seed=3)
+    obs = env.step(torch.zeros(3, 10, device=env.device))[0]
+    assert obs["scandots_map"].shape == obs["scandots_all"].shape
+    assert obs["scandots_map"].shape[1] == 32 * (cfg.scene.pool.num_slots - 1)
+    off = (obs["scandots_map"] - obs["scandots_all"]).abs()
+    assert 0.01 < off.max() < 3.0
+
+
+def test_a_fetch_takes_over_the_map_and_not_the_pose_of_a_camera_that_saw_nothing():
+    task = settings.of_fetch(NAV, PICK)["task"]
+    assert task["map"] == NAV["task"]["map"] and "camera_pose" not in task
+    seeing = NAV | {"task": NAV["task"] | {"map": {"enabled": False, "errors": "mixture"}}}
+    with pytest.raises(ConfigError, match=r"^pick: task\.camera_pose is None there and"):
+        settings.of_fetch(seeing, PICK)
