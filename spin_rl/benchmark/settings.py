@@ -56,6 +56,8 @@ def for_policy(
     for key in keys:
         value = OmegaConf.select(source, key)
         by_user = {key, key.rpartition(".")[0], key.partition(".")[0]} - {"task"}
+        if key.startswith(("task.camera_pose", "task.scandots.")):  # camera=<file> is about these
+            by_user |= {"camera"}
         if key.rpartition(".")[2] in _RANGE:  # depth=<file> is about the camera and what mends its images
             by_user -= {"depth"}
         if value is not None and not by_user & asked:

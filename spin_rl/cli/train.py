@@ -101,6 +101,7 @@ def _train(
             Camera.of(env),
             camera_pose=task.camera_pose,
             critic=_rewards_alike(start.config, values),
+            camera_action=values["task"].get("camera_action", "target"),
         )
         if common.is_main_process():
             print(message + run_folder.range_note(start.config, values), flush=True)

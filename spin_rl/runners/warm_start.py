@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from spin_rl.models import ScandotModel
 from spin_rl.policy import find_policy
@@ -20,6 +21,7 @@ def warm_start(
     camera: Camera,
     camera_pose: Sequence[float] | None = None,
     critic: bool = True,
+    camera_action: str = "target",
 ) -> str:
     """Copy what fits of another policy into new models; what is new starts without effect.
 
@@ -38,6 +40,8 @@ def warm_start(
         camera: The environment's camera.
         camera_pose: Where the environment holds it, pan and tilt [rad]; None where it moves.
         critic: Also copy the critic, where the source is a checkpoint whose critic fits.
+        camera_action: What the environment's camera actions say; where the source's said something else,
+            what it learned of them is nothing here.
 
     Returns:
         One line: what was copied and what is new.
@@ -46,6 +50,8 @@ def warm_start(
         ValueError: The actor cannot be mapped; one line that names what differs.
     """
     unlearned = _unlearned(camera, source, camera_pose)
+    if camera_pose is None and (_task_of(source).get("camera_action") or "target") != camera_action:
+        unlearned = Camera(actions=camera.actions, columns=unlearned.columns)
     try:
         notes = copy_model(algorithm.actor, source.build(), unlearned, camera.actions)
     except ValueError as error:
@@ -67,8 +73,12 @@ def camera_was_frozen(policy: TrainedPolicy) -> bool:
 
 
 def _pose_of(policy: TrainedPolicy) -> Sequence[float] | None:
+    return _task_of(policy).get("camera_pose")
+
+
+def _task_of(policy: TrainedPolicy) -> Mapping[str, Any]:
     task = policy.config.get("task")
-    return task.get("camera_pose") if isinstance(task, Mapping) else None
+    return task if isinstance(task, Mapping) else {}
 
 
 def _unlearned(camera: Camera, source: TrainedPolicy, pose: Sequence[float] | None) -> Camera:

@@ -8,7 +8,7 @@ import math
 import warp as wp
 
 from spin_rl import robot
-from spin_rl.scenes.tabletops.start_pose import head_towards
+from spin_rl.scenes.tabletops.start_pose import head_towards, within_reach
 from spin_rl.sensors.interface import Sensor
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sensors.scandots import Obstacles
@@ -62,8 +62,7 @@ def _aim(
         for i in range(3):
             gaze_out[world, i] = 0.0
         return
-    if aim[0] > _HIGH[0]:
-        aim[0] = aim[0] - 2.0 * wp.pi
+    aim[0] = within_reach(aim[0])
     for i in range(2):
         angle = wp.clamp(aim[i], _LOW[i], _HIGH[i])
         gaze_out[world, i] = action_for(angle, _LOW[i], _STOWED[i], _HIGH[i])

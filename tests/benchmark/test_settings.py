@@ -276,3 +276,14 @@ def test_a_choice_of_corridors_that_a_benchmark_does_not_make_is_told(override):
 def test_policies_are_shown_as_they_are_measured(cfg):
     with hydra.initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         assert hydra.compose("play").task == cfg["task"]
+
+
+@pytest.mark.parametrize(
+    ("camera", "key", "value"), [("blind", "scandots", 10.0), ("fixcam_I", "camera_pose", [0, 0])]
+)
+def test_a_camera_that_is_asked_for_goes_before_that_of_training(camera, key, value):
+    trained = {"task": {"camera_pose": [0.0, -1.5], "scandots": {"near_m": 0.1}}}
+    task = settings.for_policy(compose("eval", [f"camera={camera}"]), trained, [f"camera={camera}"])["task"]
+    assert (task["scandots"]["near_m"] if key == "scandots" else task[key]) == value
+    task = settings.for_policy(compose("eval", []), trained, [])["task"]
+    assert task["camera_pose"] == [0.0, -1.5] and task["scandots"]["near_m"] == 0.1

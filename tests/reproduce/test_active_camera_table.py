@@ -109,7 +109,10 @@ def test_rows_margins_and_verdicts(steps):
         "down": "better, by less than wanted",
         "left": "no difference shown",
         "start": "the other way round",
+        "blind": "met",
     }
+    worth = next(note for note in made.notes if note.startswith("shuttle: the free camera is "))
+    assert "is not worth its motors" in worth and "shuttle_free over shuttle_start, -0.10 (" in worth
     assert any(
         "in 0.67 of the episodes the best constant pose (-3.14, -1.25) misses" in n for n in made.notes
     )
@@ -117,6 +120,25 @@ def test_rows_margins_and_verdicts(steps):
     assert all(len(row) == len(made.header) for row in made.rows)
     for write in table.FORMATS.values():
         assert "behind" in write(made)
+
+
+def test_a_camera_that_beats_every_pose_is_worth_its_motors(steps):
+    store_shuttle(steps, RATES | {"left": 60, "start": 50, "down": 62})
+    made = active_camera.active_camera(Stored(steps, "active_camera"))
+    worth = next(note for note in made.notes if note.startswith("shuttle: the free camera is worth"))
+    assert "shuttle_free over shuttle_down, +0.18 (" in worth
+
+
+def test_other_ways_to_learn_are_compared_with_learning_alone(steps):
+    """What they have in common with it is that nothing is imitated; that one is beside the free camera."""
+    store_shuttle(steps, RATES)
+    rates = {"learn_alone": 50, "learn_unpaid": 70}
+    for step in steps.by_name.values():
+        if isinstance(step, Evaluation) and step.name.startswith("active_camera/learn_"):
+            name = step.name.partition("/")[2].rpartition("-")[0]
+            store(steps, step.name, places(np.arange(EPISODES) < rates.get(name, 40)))
+    rows = {row[1]: row for row in active_camera.active_camera(Stored(steps, "active_camera")).rows}
+    assert rows["alone"][6].startswith("+0.30 (") and rows["unpaid"][6].startswith("-0.20 (")
 
 
 def test_fetches_stand_below_once_they_are_measured(steps):
@@ -215,7 +237,8 @@ def test_trainings_of_a_kind_of_places_differ_in_the_camera_alone():
             given = {argument.replace("base-2", "base-1") for argument in step.arguments}
             further = given - free - gaze
             assert free <= given
-            assert all("camera" in given or "num_used" in given for given in further), step.name
+            about = ("camera", "num_used", "init_std") if "_start-" in step.name else ("camera", "num_used")
+            assert all(any(word in given for word in about) for given in further), step.name
 
 
 def test_evaluations_compose_and_are_of_scenes_that_nothing_else_used():

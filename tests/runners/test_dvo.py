@@ -209,6 +209,23 @@ def test_a_camera_that_is_held_elsewhere_starts_without_effect(teacher, tmp_path
     assert torch.equal(*told) != held_before
 
 
+def test_camera_actions_that_said_something_else_start_at_zero(teacher, tmp_path):
+    """A target of the head is no speed."""
+    env = CameraEnv()
+    runner = PPORunner(env, phase_1b(teacher), tmp_path)
+    source = read_policy(teacher)
+    source.config["task"] = {"camera_pose": None, "camera_action": "target"}
+    acts = {}
+    for action in ("target", "rate"):
+        warm_start(runner.alg, source, Camera.of(env), critic=False, camera_action=action)
+        runner.alg.actor.reset()
+        with torch.no_grad():
+            acts[action] = runner.alg.actor(env.get_observations())
+    assert (acts["rate"][:, CAMERA] == 0.0).all() and (acts["target"][:, CAMERA] != 0.0).all()
+    others = [index for index in range(env.num_actions) if index != CAMERA]
+    torch.testing.assert_close(acts["rate"][:, others], acts["target"][:, others])
+
+
 def test_warm_started_student_starts_as_the_teacher_and_is_a_policy(teacher, tmp_path):
     env = CameraEnv()
     runner = PPORunner(env, phase_1b(teacher), tmp_path)

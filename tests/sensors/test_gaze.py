@@ -113,6 +113,18 @@ def test_rates_are_no_places_to_look(make_nav_env):
         NavConfig(teach_gaze=True, camera_action="rate")
 
 
+@pytest.mark.parametrize(
+    ("bearing", "pan"), [(0.3, 0.3), (1.7, 1.5), (1.9, 1.5), (2.0, -3.9), (3.0, 3.0 - 2 * np.pi)]
+)
+def test_a_bearing_that_the_head_does_not_reach_is_met_as_near_as_it_can(make_nav_env, bearing, pan):
+    """It turns from -3.9 to 1.5 rad: what is a little left of its limit is not looked for all around."""
+    goal = (5.0 * np.cos(bearing), 5.0 * np.sin(bearing))
+    env = make(make_nav_env, goal=goal, boxes=())
+    gaze = drive(env, 0.0, 1)
+    sent = gaze[0, 0] * (1.5 if gaze[0, 0] > 0 else 3.9)
+    assert sent == pytest.approx(pan, abs=0.12)  # the head is not over the base's origin
+
+
 def test_a_camera_that_follows_the_gaze_shows_what_was_to_be_seen(make_nav_env):
     """Against the true places: the head arrives there, whatever the policy says, and then along the way."""
     env = make(make_nav_env, pose=None, boxes=BOXES[:1], teach_gaze=False, camera_action="gaze")

@@ -18,11 +18,13 @@ FETCH = "active_camera_fetch"
 """Kind of results of whole fetches, one by shipped policies with the camera free and others with it held."""
 LEARN, LEARN_IN = "learn", "shuttle"
 """The group of trainings that learn in other ways, and the one whose free camera they are compared with."""
+ALONE = "learn_alone"
+"""Of that group, the training without a gaze to imitate, with which the others have that in common."""
 WANTED = 0.15
 """Difference to every constant pose from which the camera's motion counts as worth its motors."""
 _HELD = ("task.camera_pose=", "task.camera_frozen_after_s=")
 """Arguments of those whose camera has a constant pose, given or chosen at the start."""
-_HEADER = ("places", "camera", "success", "each", "collisions", "time-outs", "free less this", "trainings")
+_HEADER = ("places", "camera", "success", "each", "collisions", "time-outs", "difference", "trainings")
 
 
 @dataclass(frozen=True)
@@ -56,18 +58,22 @@ def active_camera(stored: Stored) -> Table:
         methods = {name: stored.of_trainings(KIND, name) for name in names}
         every += methods.values()
         free = stored.of_trainings(KIND, f"{LEARN_IN if group == LEARN else group}_free")
+        own: dict[str, Margin] = {}
         for name, method in methods.items():
-            margin = None if method.name == free.name else margin_over(name, free, method)
-            rows.append(_row(group, name, method, margin))
-            records.append(_record(group, name, method, margin))
-            if margin is not None and _is_held(method):
-                margins.append(margin)
+            reference = methods[ALONE] if group == LEARN and name != ALONE else free
+            if method.name != reference.name:
+                own[name] = margin_over(name, reference, method)
+            rows.append(_row(group, name, method, own.get(name)))
+            records.append(_record(group, name, method, own.get(name)))
         if group != LEARN:
+            margins += own.values()
+            notes.append(_worth(group, [own[name] for name in own if _is_held(methods[name])]))
             frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
             rows.append(_frozen_row(group, frozen))
             notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
     if (fetches := _add_fetches(stored, rows, margins)) is not None:
         every.append(fetches)
+        notes.append(_worth("fetch", [margin for margin in margins if margin.text.endswith(" in fetches")]))
         notes.append(_bound("fetch", stored.result(f"{SIGHT}/fetch")))
     return Table(
         "active_camera",
@@ -78,7 +84,8 @@ def active_camera(stored: Stored) -> Table:
         notes=(
             *notes,
             budget_note(every, "trained"),
-            f"free less this: difference of the success in the same scenes; intervals: 95 %, {INTERVALS}",
+            f"difference: free less this, in the same scenes; {ALONE} less this for other ways to learn that "
+            f"have no gaze to imitate; intervals: 95 %, {INTERVALS}",
         ),
     )
 
@@ -200,11 +207,21 @@ def _record(group: str, name: str, method: Measured, margin: Margin | None) -> d
         "ci95_high": high,
         "episodes": method.rate().episodes,
         "each_training": " ".join(f"{rate:.4f}" for rate in method.rate().each),
-        "free_less_this": None if margin is None else margin.ours,
-        "free_less_this_low": None if margin is None else margin.low,
-        "free_less_this_high": None if margin is None else margin.high,
+        "difference": None if margin is None else margin.ours,
+        "difference_low": None if margin is None else margin.low,
+        "difference_high": None if margin is None else margin.high,
         "trainings": method.steps,
     }
+
+
+def _worth(group: str, held: Sequence[Margin]) -> str:
+    """Whether the free camera is worth its motors in a kind of places: by its strongest opponent."""
+    least = min(held, key=lambda margin: margin.ours)
+    is_worth = all(margin.low > 0.0 and margin.ours >= margin.wanted for margin in held)
+    return (
+        f"{group}: the free camera is {'' if is_worth else 'not '}worth its motors by the criterion; the "
+        f"smallest difference to a constant pose, given or chosen: {least.text}, {least.measured()}"
+    )
 
 
 def _camera(name: str, method: Measured) -> str:

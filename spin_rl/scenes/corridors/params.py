@@ -59,7 +59,7 @@ class GeneratorParams:
         arm_thickness: Height of the body of obstacles at arm height.
         head_bottom: Bottom of obstacles at head height.
         head_thickness: Height of the body of obstacles at head height.
-        max_distractors: Most boxes placed outside the walls; at least one.
+        max_distractors: Most boxes placed outside the walls; at least one, but for 0.
         emerging_share: Share of obstacles that stay inside their wall until the base comes near.
         patrolling_share: Share of obstacles that slide to and fro all the time.
         emerging_trigger: Distance of the base at which an obstacle starts to come out of its wall.
@@ -172,9 +172,11 @@ class GeneratorParams:
             _require(
                 getattr(self, name)[0] > 0.0, f"scene.{name} must be positive, got {getattr(self, name)}"
             )
-        for name, high in (("max_distractors", PoolSpec().num_boxes), ("start_tries", 1000)):
+        for name, low, high in (("max_distractors", 0, PoolSpec().num_boxes), ("start_tries", 1, 1000)):
             value = getattr(self, name)
-            _require(1 <= value <= high, f"scene.{name} must be at least 1 and at most {high}, got {value}")
+            _require(
+                low <= value <= high, f"scene.{name} must be at least {low} and at most {high}, got {value}"
+            )
         for name in ("cylinder_share", "standing_share", "corner_share"):
             _require(
                 0.0 <= getattr(self, name) <= 1.0,

@@ -185,7 +185,7 @@ class ShuttleParams:
     """
 
     width: tuple[float, float] = (0.53, 0.56)
-    passage: float = 0.47
+    passage: float = 0.44
     ahead: tuple[float, float] = (1.2, 1.5)
     back: tuple[float, float] = (2.2, 2.9)
     floating_share: float = 0.5

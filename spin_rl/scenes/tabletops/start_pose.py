@@ -36,6 +36,9 @@ _HAND_HALF_WIDTH = wp.constant(0.04)
 """What the open fingers add to the reach of a gripper that is turned against the table."""
 _HEAD_X = wp.constant(robot.HEAD_X_M)
 _HEAD_Z = wp.constant(robot.HEAD_Z_M)
+_PAN = robot.JOINTS.index("head_pan")
+_PAN_MIN = wp.constant(robot.JOINT_LOWER[_PAN])
+_PAN_MAX = wp.constant(robot.JOINT_UPPER[_PAN])
 
 wp.set_module_options({"enable_backward": False})
 
@@ -145,6 +148,14 @@ def head_towards(base: wp.vec3, target: wp.vec3) -> wp.vec2:
     left = c * dy - s * dx
     down = wp.atan2(_HEAD_Z - target[2], wp.sqrt(ahead * ahead + left * left))
     return wp.vec2(wp.atan2(left, ahead), -down)
+
+
+@wp.func
+def within_reach(pan: float) -> float:
+    """The head's pan nearest to a bearing in [-pi, pi]; it turns farther to the right than to the left."""
+    if pan - _PAN_MAX > 2.0 * wp.pi + _PAN_MIN - pan:  # nearer by the long way round to the right
+        pan -= 2.0 * wp.pi
+    return wp.clamp(pan, _PAN_MIN, _PAN_MAX)
 
 
 @wp.func

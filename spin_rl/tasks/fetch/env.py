@@ -153,7 +153,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
             cfg,
             limits=wp.array(limits, dtype=wp.int32),
             table_slot=cfg.scene.table_slot,
-            must_see=self._held is None,
+            must_see=self._held is None and cfg.head_sweeps,
         )
         self._bodies = _bodies(sim, self._goal)
         increments = cfg.manipulation.increments

@@ -7,7 +7,7 @@ import warp as wp
 from spin_rl import robot
 from spin_rl.deploy.fetch.numbers import HEAD_SWEEP, LOOK_TILT, NEAR_M
 from spin_rl.scenes.footprint import vec8
-from spin_rl.scenes.tabletops.start_pose import head_towards
+from spin_rl.scenes.tabletops.start_pose import head_towards, within_reach
 
 LIFT, ARM, YAW, PITCH, ROLL, FINGER, PAN, TILT = (
     wp.constant(robot.JOINTS.index(name)) for name in robot.JOINTS
@@ -42,10 +42,7 @@ def wrapped(angle: float) -> float:
 def look(c: Command, base: wp.vec3, target: wp.vec3) -> Command:
     """The command with the head turned to a target."""
     centre = head_towards(base, target)
-    pan = centre[0]
-    if pan > _PAN_MAX:
-        pan -= 2.0 * wp.pi
-    c.joints[PAN] = wp.clamp(pan, _PAN_MIN, _PAN_MAX)
+    c.joints[PAN] = within_reach(centre[0])
     c.joints[TILT] = centre[1]
     return c
 
