@@ -130,7 +130,9 @@ def open_for(
     return PolicySource(
         {key: name for source in sources for key, name in source.names.items()},
         settings.of_fetch(*(source.trained for source in sources)),
-        lambda obs, device: spec.join(*(source.make(obs, device) for source in sources)),
+        lambda obs, device: spec.join(
+            *(source.make(obs, device) for source in sources), settings.told_pose(sources[0].trained)
+        ),
     )
 
 

@@ -86,7 +86,7 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             values = OmegaConf.select(source, f"task.{section}")
             if values is not None:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
-    has_map = bool(OmegaConf.select(sources[0], "task.map.enabled"))
+    has_map = told_pose(nav) is not None
     if has_map:
         OmegaConf.update(joint, "task.map", OmegaConf.select(sources[0], "task.map"), force_add=True)
     if (goal_range := OmegaConf.select(sources[0], "task.goal_range_m")) is not None:
@@ -111,6 +111,16 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
         if values and values[0] is not None:
             OmegaConf.update(joint, key, values[0], force_add=True)
     return cast(dict[str, Any], OmegaConf.to_container(joint))
+
+
+def told_pose(nav: Mapping[str, Any]) -> Sequence[float] | None:
+    """Pose of the camera in the training of a policy that drives by a map; None of one that sees.
+
+    Args:
+        nav: Configuration of its training, nested; empty for one that learned nothing.
+    """
+    task = nav.get("task") or {}
+    return task.get("camera_pose") if (task.get("map") or {}).get("enabled") else None
 
 
 def refuse_camera_actions(trained: Mapping[str, Any], where: str) -> None:

@@ -57,7 +57,7 @@ def look(c: Wanted, base: np.ndarray, target: np.ndarray) -> None:
     dx, dy = target[:2] - base[:2]
     ahead, left = cos * dx + sin * dy - robot.HEAD_X_M, cos * dy - sin * dx
     pan = math.atan2(left, ahead)
-    if pan > _PAN_MAX:
+    if pan - _PAN_MAX > 2.0 * math.pi + _PAN_MIN - pan:  # nearer by the long way round to the right
         pan -= 2.0 * math.pi
     c.joints[PAN] = clamp(pan, _PAN_MIN, _PAN_MAX)
     c.joints[TILT] = -math.atan2(robot.HEAD_Z_M - target[2], math.hypot(ahead, left))

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from tensordict import TensorDict
 
+from spin_rl import robot
 from spin_rl.policy import Policy
+from spin_rl.tasks.common import formulas
+from spin_rl.tasks.common.proprioception import camera_columns
 from spin_rl.tasks.fetch.config import STAGES
 
 
@@ -15,9 +20,17 @@ class FetchPolicy:
     Scripted stages ignore the action.
     """
 
-    def __init__(self, nav: Policy, pick: Policy) -> None:
-        """Keep the two policies; both are evaluated in all worlds."""
+    def __init__(self, nav: Policy, pick: Policy, told_pose: Sequence[float] | None = None) -> None:
+        """Keep the two policies; both are evaluated in all worlds.
+
+        Args:
+            nav: The one that drives.
+            pick: The one that grasps.
+            told_pose: Pan and tilt of the camera [rad] that `nav` is told of, wherever it is: one that sees
+                nothing has known it in no other pose.
+        """
         self._nav, self._pick = nav, pick
+        self._told = None if told_pose is None else _told_values(told_pose)
         self._stage: torch.Tensor | None = None
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
@@ -29,7 +42,16 @@ class FetchPolicy:
             self._pick.reset(entered)
         self._stage = stage
         picks = stage == STAGES.index("pick")
-        return torch.where(picks[:, None], self._pick(obs), self._nav(obs))
+        return torch.where(picks[:, None], self._pick(obs), self._nav(self._for_nav(obs)))
+
+    def _for_nav(self, obs: TensorDict) -> TensorDict:
+        if self._told is None:
+            return obs
+        obs, proprio = obs.copy(), obs["proprio"]
+        columns = torch.tensor(camera_columns()["proprio"], device=proprio.device)
+        values = self._told.to(proprio).expand(len(proprio), -1)
+        obs["proprio"] = proprio.index_copy(-1, columns, values)
+        return obs
 
     def reset(self, dones: torch.Tensor | None = None) -> None:
         """Clear the memory of the worlds in a mask (num_envs,), or of all."""
@@ -37,3 +59,10 @@ class FetchPolicy:
         self._pick.reset(dones)
         if dones is None:
             self._stage = None
+
+
+def _told_values(pose: Sequence[float]) -> torch.Tensor:
+    """What proprioception tells of a camera that stands at a pose, as its columns are, shape (6,)."""
+    joints = torch.tensor([[robot.STOWED[joint] for joint in robot.JOINTS[:-2]] + list(pose)])
+    actions = [robot.action_of(joint, at) for joint, at in zip(robot.CAMERA_JOINTS, pose, strict=True)]
+    return torch.cat((formulas.joint_position(joints)[0, -2:], torch.zeros(2), torch.tensor(actions)))
