@@ -27,8 +27,8 @@ TEXTS: Mapping[str, Text] = MappingProxyType(
             "The paper's five methods, trained from scratch with the same samples, and Mapping also with "
             "maps of other errors, in this project's reading of the paper's corridors "
             "([what differs](paper_deviations.md)). NoPointNet has not learned the task with these samples "
-            "([why](experiments.md#why-is-nopointnet-so-far-behind)), and the map's errors are larger than the "
-            "room beside the robot ([how](experiments.md#why-is-a-noisy-map-worse-than-a-camera)).",
+            "([why](experiments.md#why-is-nopointnet-so-far-behind)), and a map's errors are larger than "
+            "the room beside the robot ([how](experiments.md#why-is-a-noisy-map-worse-than-a-camera)).",
         ),
         "place": Text(
             "Table 1, pick and place: success in whole fetches",
