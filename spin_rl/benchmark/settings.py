@@ -86,7 +86,7 @@ def of_fetch(nav: Mapping[str, Any], pick: Mapping[str, Any]) -> dict[str, Any]:
             values = OmegaConf.select(source, f"task.{section}")
             if values is not None:
                 OmegaConf.update(joint, f"task.{section}", values, force_add=True)
-    has_map = told_pose(nav) is not None
+    has_map = _has_map(nav)
     if has_map:
         OmegaConf.update(joint, "task.map", OmegaConf.select(sources[0], "task.map"), force_add=True)
     if (goal_range := OmegaConf.select(sources[0], "task.goal_range_m")) is not None:
@@ -119,8 +119,12 @@ def told_pose(nav: Mapping[str, Any]) -> Sequence[float] | None:
     Args:
         nav: Configuration of its training, nested; empty for one that learned nothing.
     """
+    return nav["task"].get("camera_pose") if _has_map(nav) else None
+
+
+def _has_map(nav: Mapping[str, Any]) -> bool:
     task = nav.get("task") or {}
-    return task.get("camera_pose") if (task.get("map") or {}).get("enabled") else None
+    return bool((task.get("map") or {}).get("enabled"))
 
 
 def refuse_camera_actions(trained: Mapping[str, Any], where: str) -> None:

@@ -6,6 +6,7 @@ import torch
 import warp as wp
 
 from spin_rl import robot
+from spin_rl.sensors.noisy_map import NoisyMap
 from spin_rl.sensors.scandots import Scandots
 from spin_rl.tasks.common.config import CorridorConfig
 from spin_rl.tasks.common.env import TaskEnv
@@ -60,6 +61,20 @@ class CorridorEnv(TaskEnv):
             near=cfg.scandots.near_m,
             occlusion=cfg.scandots.occlusion,
             pieces_from=cfg.scandots.pieces_from_m,
+        )
+
+    def _noisy_map(self, cfg: CorridorConfig, *, way: wp.array, way_left: wp.array) -> NoisyMap:
+        """Make a map of what the sensor would see, with errors that change in the middle of a way."""
+        return NoisyMap(
+            self.scandots.all,
+            cfg.map.errors,
+            seed=self._seed,
+            episode=self._counter,
+            step=self._episode_length,
+            level=self._level,
+            way=way,
+            way_left=way_left,
+            qpos=self.sim.data.qpos,
         )
 
     def _begin_episodes(self, mask: wp.array) -> None:

@@ -105,17 +105,7 @@ class FetchEnv(ObjectChoice, CorridorEnv):
         if not cfg.map.enabled:
             return None
         everywhere = wp.ones(self.num_envs, dtype=float, device=self.device)
-        return NoisyMap(
-            self.scandots.all,
-            cfg.map.errors,
-            seed=self._seed,
-            episode=self._counter,
-            step=self._episode_length,
-            level=self._level,
-            way=everywhere,
-            way_left=everywhere,
-            qpos=self.sim.data.qpos,
-        )
+        return self._noisy_map(cfg, way=everywhere, way_left=everywhere)
 
     def _make_observations(
         self, cfg: FetchConfig, seed: int, noisy_map: NoisyMap | None

@@ -30,7 +30,9 @@ class FetchPolicy:
                 nothing has known it in no other pose.
         """
         self._nav, self._pick = nav, pick
-        self._told = None if told_pose is None else _told_values(told_pose)
+        self._told: tuple[torch.Tensor, torch.Tensor] | None = None
+        if told_pose is not None:
+            self._told = torch.tensor(camera_columns()["proprio"]), _told_values(told_pose)
         self._stage: torch.Tensor | None = None
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
@@ -48,9 +50,8 @@ class FetchPolicy:
         if self._told is None:
             return obs
         obs, proprio = obs.copy(), obs["proprio"]
-        columns = torch.tensor(camera_columns()["proprio"], device=proprio.device)
-        values = self._told.to(proprio).expand(len(proprio), -1)
-        obs["proprio"] = proprio.index_copy(-1, columns, values)
+        columns, values = self._told = self._told[0].to(proprio.device), self._told[1].to(proprio)  # once
+        obs["proprio"] = proprio.index_copy(-1, columns, values.expand(len(proprio), -1))
         return obs
 
     def reset(self, dones: torch.Tensor | None = None) -> None:

@@ -223,17 +223,7 @@ class NavEnv(CorridorEnv):
     def _make_map(self, cfg: NavConfig) -> NoisyMap | None:
         if not cfg.map.enabled:
             return None
-        return NoisyMap(
-            self.scandots.all,
-            cfg.map.errors,
-            seed=self._seed,
-            episode=self._counter,
-            step=self._episode_length,
-            level=self._level,
-            way=self._trips.way,
-            way_left=self._distance,
-            qpos=self.sim.data.qpos,
-        )
+        return self._noisy_map(cfg, way=self._trips.way, way_left=self._distance)
 
     def _make_views(self) -> None:
         self._progress_view = wp.to_torch(self._progress)

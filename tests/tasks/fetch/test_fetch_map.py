@@ -42,6 +42,8 @@ def test_a_map_with_errors_does_not_and_neither_need_tell_of_the_table(make_fetc
 def test_a_fetch_takes_over_the_map_and_not_the_pose_of_a_camera_that_saw_nothing():
     task = settings.of_fetch(NAV, PICK)["task"]
     assert task["map"] == NAV["task"]["map"] and "camera_pose" not in task
+    free = NAV | {"task": NAV["task"] | {"camera_pose": None}}
+    assert settings.of_fetch(free, PICK)["task"]["map"]["enabled"] and settings.told_pose(free) is None
     seeing = NAV | {"task": NAV["task"] | {"map": {"enabled": False, "errors": "mixture"}}}
     with pytest.raises(ConfigError, match=r"^pick: task\.camera_pose is None there and"):
         settings.of_fetch(seeing, PICK)
