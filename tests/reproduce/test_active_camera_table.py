@@ -145,27 +145,29 @@ def test_fetches_stand_below_once_they_are_measured(steps):
     store_shuttle(steps, RATES)
     for name in steps.by_name:
         if name.startswith("active_camera_fetch/"):
-            successes = 54 if "free" in name else 36 if "-1" in name else 24
+            successes = 54 if "free" in name else 3 if "blind" in name else 36 if "-1" in name else 24
             store(
                 steps,
                 name,
                 places(np.arange(60) < successes)
                 | {
                     "overall": {"collision_rate": 0.1, "timeout_rate": 0.0},
-                    "camera_pose": None if "free" in name else [0.0, -0.7],
-                    "policy": "nav-cvo",
-                    "pick": "pick-detector",
+                    "camera_pose": None if "free" in name or "blind" in name else [0.0, -0.7],
                 },
             )
     with pytest.raises(ConfigError, match=r"only=active_camera_sight/fetch$"):
         active_camera.active_camera(Stored(steps, "active_camera"))
     store(steps, "active_camera_sight/fetch", SIGHT)
     made = active_camera.active_camera(Stored(steps, "active_camera"))
-    rows = made.rows[-4:]
-    assert [row[1] for row in rows] == ["free", *(f"{pose} [0,-0.7]" for pose in ("right", "aside", "ahead"))]
+    rows = made.rows[-6:]
+    held = [f"{pose} [0,-0.7]" for pose in ("right", "aside", "ahead")]
+    assert [row[1] for row in rows] == ["free", "free, frozen at [0,-0.7]", "free, blind", *held]
     # Scenes of 0.5 in 12 and 1 in 18 of 60, and one of 1 and one of -1: 0.387 +- 1.96 * 0.470 / 62 ** 0.5.
     assert rows[1][6] == "+0.40 (+0.27 to +0.50)" and rows[1][3] == "0.60 0.40"
-    assert rows[0][7] == "nav-cvo + pick-detector" and "fetch_pick_right-2" in rows[1][7]
+    assert rows[3][6] == rows[1][6] and rows[2][6].startswith("+0.85 (")
+    assert "fetch_pick_free-2" in rows[0][7] and "fetch_pick_right-2" in rows[3][7]
+    worth = next(note for note in made.notes if note.startswith("fetch: the free camera is worth"))
+    assert "free over right in fetches, +0.40" in worth
     assert made.claims[-1].verdict == "met" and made.claims[-1].trainings == pytest.approx((0.3, 0.5))
 
 

@@ -15,11 +15,15 @@ from spin_rl.reproduce.tables.table import Claim, Table
 KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
 """Kinds of results: of trainings, of the freeze test, of the screening."""
 FETCH = "active_camera_fetch"
-"""Kind of results of whole fetches, one by shipped policies with the camera free and others with it held."""
+"""Kind of results of whole fetches, by policies whose camera is free and by others that have one pose."""
 LEARN, LEARN_IN = "learn", "shuttle"
 """The group of trainings that learn in other ways, and the one whose free camera they are compared with."""
 ALONE = "learn_alone"
 """Of that group, the training without a gaze to imitate, with which the others have that in common."""
+FREE = "free"
+"""In fetches: what the others are compared with."""
+_FETCH_CAMERAS = {"frozen": "free, frozen at", "blind": "free, blind"}
+"""What the free policies' camera is without having been trained so: the freeze test, and the control."""
 WANTED = 0.15
 """Difference to every constant pose from which the camera's motion counts as worth its motors."""
 _HELD = ("task.camera_pose=", "task.camera_frozen_after_s=")
@@ -71,9 +75,12 @@ def active_camera(stored: Stored) -> Table:
             frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
             rows.append(_frozen_row(group, frozen))
             notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
-    if (fetches := _add_fetches(stored, rows, margins)) is not None:
-        every.append(fetches)
-        notes.append(_worth("fetch", [margin for margin in margins if margin.text.endswith(" in fetches")]))
+    if (fetches := _fetches(stored)) is not None:
+        rows += [_fetch_row(fetches, name) for name in fetches]
+        over = {name: _over_in_fetches(fetches, name) for name in fetches if name != FREE}
+        margins += over.values()
+        every += fetches.values()
+        notes.append(_worth("fetch", [margin for name, margin in over.items() if name not in _FETCH_CAMERAS]))
         notes.append(_bound("fetch", stored.result(f"{SIGHT}/fetch")))
     return Table(
         "active_camera",
@@ -121,43 +128,44 @@ def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> N
     stored.refuse_missing()
 
 
-def _add_fetches(stored: Stored, rows: list[tuple[str, ...]], margins: list[Margin]) -> Measured | None:
-    """Add whole fetches, camera free and held; return the latter's results, None where nobody began them."""
+def _fetches(stored: Stored) -> dict[str, Measured] | None:
+    """Results of whole fetches by what is done with the camera, None where nobody began them.
+
+    Raises:
+        NothingStored: They lack something.
+    """
     names = [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
     if all(read_result(name) is None for name in names):
         return None
-    found = stored.find(f"{FETCH}/free")
-    held = dict.fromkeys(name.partition("/")[2].rpartition("-")[0] for name in names)
-    trained = [stored.measured(FETCH, name) for name in held if name]
+    cameras = dict.fromkeys(name.partition("/")[2].rpartition("-")[0] for name in names)
+    found = {camera: stored.measured(FETCH, camera) for camera in cameras}
     stored.find(f"{SIGHT}/fetch")
     stored.refuse_missing()
-    assert found is not None
-    free = Measured("free", (found,))
-    rows.append(_fetch_row("free", free, None))
-    for method in trained:
-        margin = margin_over(f"{method.name} in fetches", free, method)
-        pan, tilt = method.results[0]["result"]["camera_pose"]
-        rows.append(_fetch_row(f"{method.name} [{pan:g},{tilt:g}]", method, margin))
-        margins.append(margin)
-    return Measured("fetches", tuple(result for method in trained for result in method.results))
+    return found
 
 
-def _fetch_row(camera: str, method: Measured, margin: Margin | None) -> tuple[str, ...]:
+def _over_in_fetches(fetches: Mapping[str, Measured], name: str) -> Margin:
+    return margin_over(f"{name} in fetches", fetches[FREE], fetches[name])
+
+
+def _fetch_row(fetches: Mapping[str, Measured], name: str) -> tuple[str, ...]:
+    method = fetches[name]
     overall = [result["result"]["overall"] for result in method.results]
 
     def mean(key: str) -> str:
         return f"{sum(values[key] for values in overall) / len(overall):.2f}"
 
-    first = method.results[0]["result"]
+    pose = method.results[0]["result"]["camera_pose"]
+    margin = None if name == FREE else _over_in_fetches(fetches, name)
     return (
         "fetch",
-        camera,
+        _FETCH_CAMERAS.get(name, name) + ("" if pose is None else f" [{pose[0]:g},{pose[1]:g}]"),
         method.rate().text(),
         method.rate().each_text(),
         mean("collision_rate"),
         mean("timeout_rate"),
         "-" if margin is None else f"{margin.ours:+.2f} ({margin.low:+.2f} to {margin.high:+.2f})",
-        method.steps or f"{first['policy']} + {first['pick']}",
+        method.steps,
     )
 
 
