@@ -6,11 +6,14 @@ import pytest
 import torch
 
 from spin_rl import robot
-from spin_rl.analysis import watch
 from spin_rl.analysis.camera import analysis as camera
+from spin_rl.analysis.camera import drawing as camera_drawing
+from spin_rl.analysis.camera import examples as camera_examples
+from spin_rl.analysis.camera import motion as camera_motion
 from spin_rl.analysis.camera import report as camera_report
 from spin_rl.analysis.camera import variants as camera_variants
 from spin_rl.analysis.camera.variants import Variant
+from spin_rl.analysis.camera.watch import WatchedPolicy
 from spin_rl.analysis.hits import FLOOR, Hit, NearestObstacle, summarize_hits
 from spin_rl.benchmark import policies
 from spin_rl.benchmark.metrics import ReachEpisodes
@@ -73,8 +76,8 @@ def test_a_constant_pose_is_told_apart_from_looking_around():
     valid = np.ones((100, 2), dtype=bool)
     constant = np.tile([0.0, 1.0], (100, 1))
     moving = np.tile(0.5 + 0.5 * np.sin(0.2 * np.arange(100))[:, None], (1, 2))
-    held = watch.camera_motion(constant, valid, 0.1)
-    looking = watch.camera_motion(moving, valid, 0.1)
+    held = camera_motion.camera_motion(constant, valid, 0.1)
+    looking = camera_motion.camera_motion(moving, valid, 0.1)
     assert held.std == pytest.approx(0.5) and held.std_within == 0.0 and held.rate == 0.0
     assert looking.std_within == pytest.approx(0.5 / np.sqrt(2), rel=0.05)
     assert looking.rate == pytest.approx(0.1 * 2 / np.pi / 0.1, rel=0.05)  # mean |cos|
@@ -83,9 +86,43 @@ def test_a_constant_pose_is_told_apart_from_looking_around():
 def test_only_valid_steps_count():
     poses = np.array([[9.0, 9.0], [1.0, 9.0], [2.0, 9.0], [5.0, 9.0]])
     valid = np.array([[False, False], [True, False], [True, False], [False, False]])
-    motion = watch.camera_motion(poses, valid, 0.5)
+    motion = camera_motion.camera_motion(poses, valid, 0.5)
     assert (motion.mean, motion.rate, motion.std_within) == (1.5, 2.0, 0.5)
-    assert watch.camera_motion(poses, np.zeros_like(valid), 0.5) is None
+    assert camera_motion.camera_motion(poses, np.zeros_like(valid), 0.5) is None
+
+
+def test_poses_are_counted_where_they_are():
+    poses = np.array([[0.02, -0.5]] * 3 + [[-3.13, -1.2], [-3.9001, -1.5301]])  # the last: a hair too far
+    share = camera_motion.share_of_time(poses)
+    pans, tilts = (np.array(share[name]) for name in ("pan_edges", "tilt_edges"))
+    values = np.array(share["share"])
+    assert values.shape == (len(pans) - 1, len(tilts) - 1) and values.sum() == pytest.approx(1.0)
+    for (pan, tilt), expected in (((0.02, -0.5), 0.6), ((-3.13, -1.2), 0.2), ((-3.8999, -1.5299), 0.2)):
+        cell = values[np.searchsorted(pans, pan) - 1, np.searchsorted(tilts, tilt) - 1]
+        assert cell == pytest.approx(expected)
+
+
+def test_examples_are_the_first_that_succeed_with_what_came_out():
+    steps, worlds = 6, 4
+    yaw = np.full((steps, worlds), np.pi / 2)
+    y = np.repeat([[0.0], [0.1], [0.2], [0.1], [0.0], [9.0]], worlds, axis=1)
+    fastest = np.zeros((steps, worlds))
+    fastest[[1, 2, 4], 2] = 1.0
+    recording = camera_examples.Recording(
+        poses=np.stack([np.full((steps, worlds), -3.0), np.full((steps, worlds), -1.0)], -1),
+        base=np.stack([np.zeros_like(y), y, yaw], -1),
+        fastest=fastest,
+        ends=np.array([5, 0, 5, 5]),
+        outcomes=np.array([episode.COLLISION, episode.SUCCESS, episode.SUCCESS, episode.SUCCESS]),
+        period=0.5,
+    )
+    found = camera_examples.examples(recording)
+    assert [each["world"] for each in found] == [2, 3, 0]  # world 1 did not end
+    assert [each["outcome"] for each in found] == ["success", "success", "collision"]
+    assert found[0]["comes_out_s"] == [0.5, 2.0] and found[1]["comes_out_s"] == []
+    assert found[0]["speed_m_s"] == pytest.approx([0.2, 0.2, -0.2, -0.2, -0.2])
+    assert found[0]["pan_rad"] == [-3.0] * 5 and found[0]["time_s"] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert len(camera_examples.examples(recording, most=1)) == 1
 
 
 def test_sweep_has_every_pose_once_and_names_fixcam():
@@ -149,12 +186,16 @@ def scene_with(kind, pose=AHEAD) -> Scene:
 )
 def test_a_hit_knows_whether_the_camera_had_shown_it(make_nav_env, kind, pose, expected):
     env = make_nav_env(NavConfig(camera_pose=pose, episode_s=3.0), num_envs=2, scene=scene_with(kind, pose))
-    watched = watch.WatchedPolicy(Driver(), env)
+    watched = WatchedPolicy(Driver(), env)
     (group,) = run_cells(env, watched, (Cell("scene", "scene"),), 2, report=lambda line: None)
     assert (group.outcome == episode.COLLISION).all()
     assert watched.hits == [expected] * 2
-    motion = watched.camera()
-    assert motion is None or abs(motion["pan"].mean - pose[0]) < 0.01
+    motion = watched.motion()
+    assert motion is None or abs(motion.pan.mean - pose[0]) < 0.01
+    assert [each["outcome"] for each in watched.examples] == ["collision"] * 2
+    first = watched.examples[0]
+    assert first["pan_rad"] == pytest.approx([pose[0]] * len(first["time_s"]), abs=0.01)
+    assert max(first["speed_m_s"]) > 0.2 and first["comes_out_s"] == []
 
 
 def test_nearest_is_measured_from_the_touching_parts(nav_env):
@@ -223,6 +264,11 @@ def test_zero_policy_with_held_cameras(device, tmp_path):
     pytest.importorskip("matplotlib")
     camera_report.plot(result, tmp_path / "new" / "camera.png")
     assert (tmp_path / "new" / "camera.png").stat().st_size > 10_000
+    assert own["looking"]["examples"] and "looking" not in frozen and "looking" not in fixed
+    assert (tmp_path / "new" / "camera_looking.png").stat().st_size > 10_000
+    two = [("a", own["looking"]), ("b", own["looking"] | {"examples": own["looking"]["examples"][:1]})]
+    camera_drawing.draw_looking(two, tmp_path / "two.png")
+    assert (tmp_path / "two.png").stat().st_size > (tmp_path / "new" / "camera_looking.png").stat().st_size
 
 
 def test_places_are_paired_like_corridors(device):

@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from spin_rl.analysis.camera.variants import Variant, check_pose
+from spin_rl.analysis.camera.watch import Motion, WatchedPolicy
 from spin_rl.analysis.hits import Hit, summarize_hits
-from spin_rl.analysis.watch import SETTLING_S, CameraMotion, WatchedPolicy
+from spin_rl.analysis.watch import SETTLING_S
 from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, paired_difference, summarize
 from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
 from spin_rl.benchmark.rooms import families_of, run_families
@@ -66,13 +67,13 @@ class Measured:
     Attributes:
         variant: The variant.
         cells: Episodes of every condition, in the same order of places for all variants.
-        motion: Statistics of pan and tilt, None where no episode was long enough.
+        motion: How the camera moved, None where no episode was long enough.
         hits: All collisions.
     """
 
     variant: Variant
     cells: list[ReachEpisodes]
-    motion: dict[str, CameraMotion] | None
+    motion: Motion | None
     hits: list[Hit]
 
 
@@ -193,7 +194,7 @@ def run_variant(
             )
         )
     joined = [Episodes.concatenate(list(groups)) for groups in zip(*per_seed, strict=True)]
-    return Measured(variant, joined, watched.camera(), watched.hits)
+    return Measured(variant, joined, watched.motion(), watched.hits)
 
 
 def frozen_at_mean(own: Measured) -> Variant:
@@ -204,7 +205,7 @@ def frozen_at_mean(own: Measured) -> Variant:
     """
     if own.motion is None:
         raise ValueError(f"no episode outlasted {SETTLING_S} s, so the camera has no mean pose")
-    pose = (own.motion["pan"].mean, own.motion["tilt"].mean)
+    pose = (own.motion.pan.mean, own.motion.tilt.mean)
     return Variant("frozen at own mean", "frozen", pose)
 
 
@@ -216,13 +217,17 @@ def describe(
     Returns:
         `name`, `kind`, `camera_pose` (None for the policy's own), `rows` as in the benchmark's result,
         `mean_success` over them, `difference` (None for the first variant, see `paired_difference`),
-        `camera` (`pan` and `tilt`, see `CameraMotion`, or None) and `hits` (see `summarize_hits`).
+        `camera` (`pan` and `tilt`, see `CameraMotion`, or None) and `hits` (see `summarize_hits`). For the
+        policy's own camera also `looking`, with `share` (see `share_of_time`) and `examples`.
     """
     rows = [
         condition | summarize(group, control_period)
         for condition, group in zip(conditions, result.cells, strict=True)
     ]
-    pose = result.variant.pose
+    pose, motion = result.variant.pose, result.motion
+    looking = {}
+    if motion is not None and pose is None:
+        looking = {"looking": {"share": motion.share, "examples": motion.examples}}
     return {
         "name": result.variant.name,
         "kind": result.variant.kind,
@@ -230,6 +235,7 @@ def describe(
         "rows": rows,
         "mean_success": sum(row["success_rate"] for row in rows) / len(rows),
         "difference": None if result is own else paired_difference(own.cells, result.cells),
-        "camera": result.motion and {name: asdict(motion) for name, motion in result.motion.items()},
+        "camera": motion and {"pan": asdict(motion.pan), "tilt": asdict(motion.tilt)},
         "hits": summarize_hits(result.hits),
+        **looking,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from spin_rl.analysis.camera.drawing import draw_looking
 from spin_rl.analysis.episodes import condition_of
 from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables import reach as report
@@ -86,12 +87,20 @@ def headline(result: dict[str, Any]) -> str:
 
 
 def plot(result: dict[str, Any], path: Path) -> None:
-    """Draw success over tilt: the sweep, the FixCam poses, and the policy's own camera.
+    """Draw success over tilt, and where the policy's own camera looks, in `<path>_looking`.
 
     Args:
         result: Of `camera.analyse_camera`.
         path: Image file to write; its folder is made.
     """
+    _plot_success(result, path)
+    own = result["variants"][0]
+    if "looking" in own:
+        draw_looking([(result["policy"], own["looking"])], path.with_stem(f"{path.stem}_looking"))
+
+
+def _plot_success(result: dict[str, Any], path: Path) -> None:
+    """Draw the sweep, the FixCam poses, and the policy's own camera."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.5, 4.5), layout="constrained")
