@@ -21,7 +21,7 @@ LAYERS = (  # a package imports from those of the lines below its own
     {"sim"},
     {"scenes"},
     {"robot", "warp_kernels"},
-    {"policy", "extras", "files", "machine", "ranges", "ranks"},
+    {"policy", "extras", "files", "machine", "ranges", "ranks", "stop_request"},
     {"config", "deferred", "groups", "paths"},
 )
 TASK_LAYERS = ({"registry"}, {"fetch"}, {"nav", "pick"}, {"common"})
@@ -99,7 +99,7 @@ def test_imports_are_absolute():
 
 
 def test_runners_know_nothing_of_what_they_train():
-    known = {"runners", "config", "files", "groups", "models", "policy", "ranges", "ranks"}
+    known = {"runners", "config", "files", "groups", "models", "policy", "ranges", "ranks", "stop_request"}
     runners = [(module, name) for file, module, name, _ in imports() if file.parts[0] == "runners"]
     assert {(*module.split("."), name)[1] for module, name in runners} <= known
 

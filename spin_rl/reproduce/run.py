@@ -20,7 +20,7 @@ from spin_rl.reproduce.estimate import duration, minutes_left, time_ahead
 from spin_rl.reproduce.plan import Evaluation, Step, Steps, Training, is_alone
 from spin_rl.reproduce.record import note_call, stored
 from spin_rl.reproduce.state import has_checkpoint, is_done, limits, result_file, state_of, state_of_run
-from spin_rl.runners.stop import StopRequest
+from spin_rl.stop_request import StopRequest
 
 _MOST_JOBS = 2
 """The plan's minutes are those of two at a time."""

@@ -32,6 +32,7 @@ from spin_rl.runners.checkpoint import (
 from spin_rl.runners.contents import check_checkpoint, check_weights
 from spin_rl.runners.distributed import Processes
 from spin_rl.runners.interface import TrainingEnv
+from spin_rl.runners.limits import Interrupted, Limits
 from spin_rl.runners.progress import (
     ProgressLine,
     RecentEpisodes,
@@ -41,7 +42,7 @@ from spin_rl.runners.progress import (
     join_statistics,
 )
 from spin_rl.runners.saving import Saver
-from spin_rl.runners.stop import Interrupted, Limits, StopRequest
+from spin_rl.stop_request import StopRequest
 
 
 class TrainingLoop(OnPolicyRunner):
