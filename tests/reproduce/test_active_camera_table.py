@@ -91,7 +91,7 @@ def store_shuttle(steps, rates):
         store(steps, step.name, made[kind]())
 
 
-RATES = {"free": 80, "behind": 60, "down": 70, "left": 80, "start": 90, "blind": 10}
+RATES = {"free": 80, "behind": 60, "down": 70, "across": 80, "start": 90, "blind": 10}
 
 
 def test_rows_margins_and_verdicts(steps):
@@ -107,7 +107,7 @@ def test_rows_margins_and_verdicts(steps):
     assert verdicts == {
         "behind": "met",
         "down": "better, by less than wanted",
-        "left": "no difference shown",
+        "across": "no difference shown",
         "start": "the other way round",
         "blind": "met",
     }
@@ -123,7 +123,7 @@ def test_rows_margins_and_verdicts(steps):
 
 
 def test_a_camera_that_beats_every_pose_is_worth_its_motors(steps):
-    store_shuttle(steps, RATES | {"left": 60, "start": 50, "down": 62})
+    store_shuttle(steps, RATES | {"across": 60, "start": 50, "down": 62})
     made = active_camera.active_camera(Stored(steps, "active_camera"))
     worth = next(note for note in made.notes if note.startswith("shuttle: the free camera is worth"))
     assert "shuttle_free over shuttle_down, +0.18 (" in worth
