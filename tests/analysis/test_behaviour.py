@@ -320,6 +320,20 @@ def test_report(result, tmp_path):
     assert over_time.stat().st_size > 10_000
 
 
+def test_examples_are_of_different_episodes_where_there_are():
+    """One episode may have shown all behaviours: figures of it alone would say little."""
+    one, other = trace(), trace(world=1)
+    found = [
+        (one, Event("avoidance", 1.0, SLOT, NOT_NEEDED)),
+        (one, Event("avoidance", 2.0, SLOT, SHOWN)),
+        (one, Event("stop and look", 2.0, SLOT, SHOWN)),
+        (other, Event("stop and look", 3.0, SLOT, SHOWN)),
+        (one, Event("rerouting", 2.0, SLOT, FAILED)),
+    ]
+    chosen = analysis.examples_of(found)
+    assert chosen == [found[1][1], found[3][1], found[4][1]]  # of the last there is no other
+
+
 def test_an_episode_over_time():
     made = entering(begin=0)
     event = Event("avoidance", 2.0, SLOT, SHOWN)

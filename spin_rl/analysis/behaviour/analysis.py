@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ def analyse_behaviour(
         The benchmark's result; with `analysis` ("behaviour"), `tendencies` by name (see `Tendency`),
         `behaviours` by name (counts, see `count`) and `events` (see `Event`, with the episode's `outcome`,
         `condition`, and `play`, the overrides of spin-play that show it; the first that was shown and the
-        first that failed of each behaviour also with `series`, see `series_of`).
+        first that failed of each behaviour, in episodes of their own where there are, also with `series`).
 
     Raises:
         ConfigError: Too few worlds, or whatever the benchmark refuses.
@@ -74,7 +74,7 @@ def analyse_behaviour(
         for trace in watched.traces
     ]
     found = [(trace, event) for trace in traces for event in events_of(trace)]
-    first = {(event.behaviour, event.result): event for _, event in reversed(found)}
+    examples = examples_of(found)
     return result | {
         "analysis": "behaviour",
         "tendencies": {name: as_dict(tendency) for name, tendency in tendencies_of(traces).items()},
@@ -83,14 +83,30 @@ def analyse_behaviour(
         },
         "events": [
             _told(trace, event, replay(trace, result, scene_file, overrides))
-            | ({"series": series_of(trace, event)} if _is_example(event, first) else {})
+            | ({"series": series_of(trace, event)} if any(event is chosen for chosen in examples) else {})
             for trace, event in found
         ],
     }
 
 
-def _is_example(event: Event, first: Mapping[tuple[str, str], Event]) -> bool:
-    return event.result != NOT_NEEDED and first[event.behaviour, event.result] is event
+def examples_of(found: Sequence[tuple[DriveTrace, Event]]) -> list[Event]:
+    """Choose an event of each behaviour that was shown and of each that failed.
+
+    Returns:
+        The first that is in an episode of its own, or else the first.
+    """
+    chosen: dict[tuple[str, str], Event] = {}
+    taken: set[int] = set()
+    for name in BEHAVIOURS:
+        for result in (SHOWN, FAILED):
+            fitting = [
+                (trace, event) for trace, event in found if (event.behaviour, event.result) == (name, result)
+            ]
+            if fitting:
+                own = [(trace, event) for trace, event in fitting if id(trace) not in taken]
+                trace, chosen[name, result] = (own or fitting)[0]
+                taken.add(id(trace))
+    return list(chosen.values())
 
 
 def count(events: Sequence[Event]) -> dict[str, Any]:
