@@ -78,7 +78,7 @@ def bench(call: common.Call) -> None:
     result = throughput.result(
         options.device,
         rows,
-        overrides=options.overrides,
+        overrides=[given for given in options.overrides if not given.startswith("out=")],
         num_envs=options.num_envs,
         sim=values["sim"],
         load=_load(),

@@ -171,6 +171,15 @@ def test_fetches_stand_below_once_they_are_measured(steps):
     assert made.claims[-1].verdict == "met" and made.claims[-1].trainings == pytest.approx((0.3, 0.5))
 
 
+def test_fetches_need_no_other_kind_of_places(steps):
+    for name in steps.by_name:
+        if name.startswith("active_camera_fetch/"):
+            facts = {"overall": {"collision_rate": 0.1, "timeout_rate": 0.0}, "camera_pose": None}
+            store(steps, name, places(np.arange(60) < 30) | facts)
+    store(steps, "active_camera_sight/fetch", SIGHT)
+    assert {row[0] for row in active_camera.active_camera(Stored(steps, "active_camera")).rows} == {"fetch"}
+
+
 def test_scenes_are_paired_and_trainings_averaged():
     """Against the formula of a difference of means, and an interval that knows which scenes are hard."""
     rng = np.random.default_rng(1)

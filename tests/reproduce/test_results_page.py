@@ -56,16 +56,15 @@ def test_rows_of_one_name_are_of_one_run():
 
 def test_the_page_has_every_table_with_its_sentences_and_command(results):
     text = page()
-    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == [TEXTS[name].title for name in TABLES]
-    for name in TABLES:
+    papers = [name for name, plan in PLANS.items() if plan == PAPER]  # another plan's once it can be made
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == [TEXTS[name].title for name in papers]
+    for name in papers:
         assert text.count(f"\n    spin-eval table={name}\n") == 1
-    assert text.count("Not measured yet, ") == text.count("\n    spin-reproduce ") == len(TABLES)
+    assert text.count("Not measured yet, ") == text.count("\n    spin-reproduce ") == len(papers)
     assert "|" not in text
     store_all(open_stored("1").steps, lambda name, cell: 50)
     whole = page()
-    papers = [name for name, plan in PLANS.items() if plan == PAPER]
-    assert whole.count("\n| --- |") == len(papers)
-    assert whole.count("Not measured yet, ") == len(TABLES) - len(papers)
+    assert whole.count("\n| --- |") == len(papers) and "Not measured yet, " not in whole
 
 
 def test_texts_are_two_sentences_at_most():

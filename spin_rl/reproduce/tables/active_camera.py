@@ -98,7 +98,7 @@ def active_camera(stored: Stored) -> Table:
 
 
 def _groups(stored: Stored) -> dict[str, list[str]]:
-    """Names of the trainings of each group that has results, or of the first one where none has.
+    """Names of the trainings of each group that has results; of the first one where nothing has any.
 
     Kinds of places are trained one after the other: those that nobody began are left out.
     """
@@ -110,7 +110,9 @@ def _groups(stored: Stored) -> dict[str, list[str]]:
             if read_result(step.name) is not None:
                 begun.add(step.group)
     chosen = {group: list(dict.fromkeys(found)) for group, found in names.items()}
-    return {group: found for group, found in chosen.items() if group in begun} or dict([*chosen.items()][:1])
+    if not begun and not _fetches_are_begun(stored):
+        return dict([*chosen.items()][:1])
+    return {group: found for group, found in chosen.items() if group in begun}
 
 
 def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> None:
@@ -128,15 +130,23 @@ def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> N
     stored.refuse_missing()
 
 
+def _fetches_are_begun(stored: Stored) -> bool:
+    return any(read_result(name) is not None for name in _names_of_fetches(stored))
+
+
+def _names_of_fetches(stored: Stored) -> list[str]:
+    return [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
+
+
 def _fetches(stored: Stored) -> dict[str, Measured] | None:
     """Results of whole fetches by what is done with the camera, None where nobody began them.
 
     Raises:
         NothingStored: They lack something.
     """
-    names = [name for name in stored.steps.by_name if name.startswith(f"{FETCH}/")]
-    if all(read_result(name) is None for name in names):
+    if not _fetches_are_begun(stored):
         return None
+    names = _names_of_fetches(stored)
     cameras = dict.fromkeys(name.partition("/")[2].rpartition("-")[0] for name in names)
     found = {camera: stored.measured(FETCH, camera) for camera in cameras}
     stored.find(f"{SIGHT}/fetch")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from spin_rl.benchmark.tables.paper import STATIC_DYNAMIC, PaperPlace
@@ -13,8 +13,9 @@ from spin_rl.reproduce.tables.rates import Rate
 from spin_rl.reproduce.tables.stored import Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 
-_CLASSICAL = ("classical_60s", "classical")
-"""Opponents, the one with more time first."""
+_CLASSICAL = ("classical", "classical_60s")
+"""Opponents, the one with as much time first."""
+_OBSTACLES = tuple(dict.fromkeys(obstacles for _, obstacles in CONDITIONS))
 _POLICIES = {
     "nav-room": ("nav-room, guard and planner", "SPIN"),
     "alone_nav-room": ("nav-room, its network alone", "SPIN"),
@@ -67,12 +68,9 @@ def dynamic(stored: Stored) -> Table:
         ("policy", "figure", *(f"{scene} {obstacles}" for scene, obstacles in CONDITIONS), "command"),
         tuple(rows),
         tuple(records),
-        claims=tuple(
-            claim
-            for obstacles in dict.fromkeys(obstacles for _, obstacles in CONDITIONS)
-            for claim in _claims(found, obstacles)
-        ),
+        claims=tuple(claim for obstacles in _OBSTACLES for claim in _claims(found, obstacles)),
         notes=(
+            *_notes_of_collisions(found),
             f"{span(episodes)} episodes a cell; intervals: 95 %, {INTERVALS}; of collisions a "
             f"bootstrap; {'; '.join(machines)}, commits {commits}",
             "the paper's policy was not trained with dynamic obstacles; of these, nav-cvo was not, which "
@@ -114,17 +112,13 @@ def _record(policy: str, row: Mapping[str, Any], paper: PaperPlace) -> dict[str,
 
 def _claims(found: Mapping[str, Mapping[Any, Any]], obstacles: str) -> tuple[Claim, ...]:
     """Each learned policy over classical with one kind of obstacles, both places together."""
-    opponent = next((name for name in _CLASSICAL if name in found), None)
-    if opponent is None:
-        return ()
-
     conditions = [condition for condition in CONDITIONS if condition[1] == obstacles]
 
     def rate(policy: str) -> Rate:
         return Rate.of([[found[policy][condition] for condition in conditions]])
 
     paper = [STATIC_DYNAMIC[condition] for condition in conditions]
-    gap = sum(place["SPIN"].success_rate - place["Classical"].success_rate for place in paper) / len(paper)
+    gap = _mean(place["SPIN"].success_rate - place["Classical"].success_rate for place in paper)
     return tuple(
         compare(
             f"{label} over {_POLICIES[opponent][0]}, {obstacles} obstacles",
@@ -133,6 +127,27 @@ def _claims(found: Mapping[str, Mapping[Any, Any]], obstacles: str) -> tuple[Cla
             paper=gap,
             wanted=0.2,
         )
+        for opponent in _CLASSICAL
         for policy, (label, method) in _POLICIES.items()
-        if method == "SPIN" and policy in found
+        if method == "SPIN" and {policy, opponent} <= found.keys()
     )
+
+
+def _notes_of_collisions(found: Mapping[str, Mapping[Any, Any]]) -> Iterator[str]:
+    """Collisions of each with one kind of obstacles, both places together, beside the paper's."""
+    for obstacles in _OBSTACLES:
+        conditions = [condition for condition in CONDITIONS if condition[1] == obstacles]
+        ours = [
+            f"{_POLICIES[policy][0]} {_mean(own[condition]['collisions'] for condition in conditions):.2f}"
+            for policy, own in found.items()
+        ]
+        paper = [
+            f"{method} {_mean(STATIC_DYNAMIC[condition][method].collisions for condition in conditions):.1f}"
+            for method in ("SPIN", "Classical")
+        ]
+        yield f"collisions with {obstacles} obstacles: {', '.join(ours)}; paper: {', '.join(paper)}"
+
+
+def _mean(values: Iterable[float]) -> float:
+    every = list(values)
+    return sum(every) / len(every)

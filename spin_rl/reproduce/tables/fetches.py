@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables.paper import PICK, PLACE
 from spin_rl.reproduce.tables.corridors import CELLS, THEIRS
 from spin_rl.reproduce.tables.notes import INTERVALS, budget_note, known
 from spin_rl.reproduce.tables.rates import Rate
 from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, refuse_other_scenes
-from spin_rl.reproduce.tables.table import Claim, Table, compare
+from spin_rl.reproduce.tables.table import Claim, Kind, Table, compare
 
 _METHODS = {
     "NoPointNet": "nopointnet",
@@ -19,6 +21,14 @@ _METHODS = {
     "SPIN (CVO)": "cvo",
 }
 """Row of Table 1 -> name of its trainings that drive."""
+_NOT_MEASURED = "FixCam"
+"""Row of Table 1 that is the paper's alone: here both of a fetch's policies would have one camera."""
+_ORDERINGS: Mapping[str, tuple[float, Kind]] = {
+    "NoPointNet": (0.10, "more"),
+    "Mapping": (0.0, "disputed"),
+    "SPIN (DVO)": (0.0, "alike"),
+}
+"""What CVO is compared with, and what the paper finds, see `table.Claim`."""
 _PARTS = ("pick", *(f"place S{scenario} {difficulty}" for scenario, difficulty in CELLS))
 
 
@@ -46,7 +56,7 @@ def place(stored: Stored) -> Table:
             (label, "at the table", *_reached(method), method.steps),
             (label, "paper", *(f"{figure.success_rate:.2f}" for figure in paper), THEIRS),
             (label, "time", *("none" if time is None else f"{time:.1f} s" for time in times), method.steps),
-            (label, "paper, time", *(f"{figure.duration_s:.1f} s" for figure in paper), THEIRS),
+            (label, "paper, time", *(f"{figure.duration_s:.2f} s" for figure in paper), THEIRS),
         ]
         for part, rate, time, figure in zip(_PARTS, rates, times, paper, strict=True):
             records.append(
@@ -60,6 +70,9 @@ def place(stored: Stored) -> Table:
                     "trainings": method.steps,
                 }
             )
+    paper = [PICK[_NOT_MEASURED], *(PLACE[_NOT_MEASURED][cell] for cell in CELLS)]
+    rows.append((_NOT_MEASURED, "paper", *(f"{figure.success_rate:.2f}" for figure in paper), THEIRS))
+    rows.append((_NOT_MEASURED, "paper, time", *(f"{figure.duration_s:.2f} s" for figure in paper), THEIRS))
     results = [result for method in methods.values() for result in method.results]
     refuse_other_scenes("fetches", results)
     picks = sorted({kept["result"]["pick"] for kept in results})
@@ -86,11 +99,36 @@ def place(stored: Stored) -> Table:
     )
 
 
-def _pick(method: Measured) -> Rate | None:
+@dataclass(frozen=True)
+class _Pick:
+    """Picking of all trainings together.
+
+    It has the interval of as many fetches as one training had on average: trainings have the same fetches,
+    and which of them came to a table is not stored.
+    """
+
+    succeeded: int
+    episodes: int
+    trainings: int
+
+    @property
+    def value(self) -> float:
+        return self.succeeded / self.episodes
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        return wilson_interval(self.succeeded / self.trainings, self.episodes / self.trainings)
+
+    def text(self) -> str:
+        low, high = self.interval
+        return f"{self.value:.2f} ({low:.2f}-{high:.2f})"
+
+
+def _pick(method: Measured) -> _Pick | None:
     """Picking of all trainings together; None where nobody came to the table."""
     picks = _picks(method)
     tried = sum(pick["tried"] for pick in picks)
-    return Rate.counted(sum(pick["succeeded"] for pick in picks), tried) if tried else None
+    return _Pick(sum(pick["succeeded"] for pick in picks), tried, len(picks)) if tried else None
 
 
 def _each_pick(method: Measured) -> str:
@@ -121,7 +159,7 @@ def _time(method: Measured, part: str, cells: Sequence[Cell]) -> float | None:
     return sum(succeeded * time for succeeded, time in done) / count if count else None
 
 
-def _figures(rate: Rate | None) -> dict[str, Any]:
+def _figures(rate: Rate | _Pick | None) -> dict[str, Any]:
     low, high = (None, None) if rate is None else rate.interval
     return {
         "success_rate": None if rate is None else rate.value,
@@ -132,9 +170,12 @@ def _figures(rate: Rate | None) -> dict[str, Any]:
 
 
 def _claims(methods: Mapping[str, Measured]) -> tuple[Claim, ...]:
-    one, other = "SPIN (CVO)", "NoPointNet"
-    if not {one, other} <= methods.keys():
-        return ()
-    gap = sum(PLACE[one][cell].success_rate - PLACE[other][cell].success_rate for cell in CELLS) / len(CELLS)
-    text = "placing, CVO over NoPointNet, all corridors"
-    return (compare(text, methods[one].rate(), methods[other].rate(), paper=gap, wanted=0.10),)
+    own = "SPIN (CVO)"
+    claims: list[Claim] = []
+    for other, (wanted, kind) in _ORDERINGS.items():
+        if {own, other} <= methods.keys():
+            gaps = [PLACE[own][cell].success_rate - PLACE[other][cell].success_rate for cell in CELLS]
+            text = f"placing, CVO over {other.removeprefix('SPIN ').strip('()')}, all corridors"
+            rates = methods[own].rate(), methods[other].rate()
+            claims.append(compare(text, *rates, paper=sum(gaps) / len(gaps), wanted=wanted, kind=kind))
+    return tuple(claims)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spin_rl.reproduce.plan import read_steps
+from spin_rl.reproduce.plan import PAPER, read_steps
 from spin_rl.reproduce.tables.registry import ALL, PLANS, TABLES
 from spin_rl.reproduce.tables.stored import NothingStored, Stored
 from spin_rl.reproduce.tables.table import heading, markdown, missing_block
@@ -29,18 +29,22 @@ def open_stored(name: str) -> Stored:
 
 
 def page() -> str:
-    """Every table in Markdown; of one without any result, the command that makes it.
+    """Every table in Markdown; of one of the paper's without any result, the command that makes it.
 
     Raises:
         ConfigError: A stored result is damaged; one line that names it.
     """
-    return "\n".join([_HEAD, *map(_section, TABLES)])
+    sections = map(_section, TABLES)
+    return "\n".join([_HEAD, *(section for section in sections if section is not None)])
 
 
-def _section(name: str) -> str:
+def _section(name: str) -> str | None:
+    """A table; None of another plan than the paper's that cannot be made yet."""
     stored = open_stored(name)
     try:
         return markdown(TABLES[name](stored))
     except NothingStored:
+        if PLANS[name] != PAPER:
+            return None
         assert stored.rest is not None
         return f"{heading(name)}\n\n{missing_block(stored.rest)}\n"

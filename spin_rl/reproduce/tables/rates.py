@@ -37,11 +37,6 @@ class Rate:
             raise ConfigError("table: trainings of a row were measured in other scenes: run them again")
         return cls(np.stack(wins))
 
-    @classmethod
-    def counted(cls, successes: int, episodes: int) -> Rate:
-        """So many of so many episodes of which nobody knows which."""
-        return cls(np.arange(episodes)[None, :] < successes)
-
     @property
     def value(self) -> float:
         """The rate, over all trainings."""

@@ -66,12 +66,18 @@ class Measured:
     def final_distance(self) -> tuple[float, float, float]:
         """Mean distance to the goal at the end [m] over cells and trainings, and its 95 % interval.
 
-        The half widths of the cells' own intervals are added as errors that are independent.
+        The half widths of the cells' own intervals are added as errors that are independent, but for those of
+        trainings in one cell: they have the same scenes.
         """
-        rows = [row for rows in self.rows() for row in rows]
+        by_training = self.rows()
+        rows = [row for rows in by_training for row in rows]
         mean = sum(row["final_distance_m"] for row in rows) / len(rows)
-        halves = [(row["final_distance_ci95"][1] - row["final_distance_ci95"][0]) / 2.0 for row in rows]
-        half = math.hypot(*halves) / len(rows)
+        halves = [
+            [(high - low) / 2.0 for low, high in (row["final_distance_ci95"] for row in rows)]
+            for rows in by_training
+        ]
+        of_cells = [sum(cell) / len(cell) for cell in zip(*halves, strict=True)]
+        half = math.hypot(*of_cells) / len(of_cells)
         return mean, mean - half, mean + half
 
     def _of(self, cells: tuple[Cell, ...]) -> Iterator[list[Mapping[str, Any]]]:

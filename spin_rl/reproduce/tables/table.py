@@ -24,7 +24,9 @@ Kind = Literal["more", "alike", "disputed"]
 _ALIKE = 0.10
 """Differences below this are none."""
 ON_AVERAGE = " on average, not between all trainings"
-"""What is added to a verdict that not all pairs of trainings bear out."""
+"""What is added where the mean is within what counts as alike, and not all pairs of trainings are."""
+NOT_SHOWN = "not shown: trainings differ by more than this"
+"""What is said of a difference that not all pairs of trainings bear out: its interval knows scenes alone."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +73,18 @@ class Claim:
         return self.qualified(told)
 
     def qualified(self, verdict: str) -> str:
-        """A verdict, and whether it holds on average alone."""
+        """A verdict, or that it is none, where it holds between some pairs of trainings alone."""
         low, high = self.trainings or (self.ours, self.ours)
-        return verdict if low > 0.0 or high < 0.0 else f"{verdict}{ON_AVERAGE}"
+        return verdict if low > 0.0 or high < 0.0 else NOT_SHOWN
 
     def _verdict_of_more(self) -> str:
         if self.ours < self.wanted:
             return "same direction, less of it"
-        is_small = self.paper is not None and self.ours < 0.5 * self.paper
-        return "reproduced, by less than half of the paper's" if is_small else "reproduced"
+        if self.paper is not None and self.ours < 0.5 * self.paper:
+            return "reproduced, by less than half of the paper's"
+        if self.paper is not None and self.ours > 2.0 * self.paper:
+            return "reproduced, by more than twice the paper's"
+        return "reproduced"
 
     def _verdict_of_alike(self) -> str:
         if -_ALIKE < self.low and self.high < _ALIKE:
@@ -98,7 +103,7 @@ class Claim:
 
     def measured(self) -> str:
         """The difference, its interval and that between trainings."""
-        between = "no pairs of trainings"
+        between = "one training each"
         if self.trainings is not None:
             between = "between trainings {:+.2f} to {:+.2f}".format(*self.trainings)
         return f"{self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; {between})"

@@ -8,10 +8,12 @@ from typing import Any
 from spin_rl.benchmark.tables.paper import VISIBILITY
 from spin_rl.reproduce.tables.notes import COMMANDS, budget_note, episodes_note
 from spin_rl.reproduce.tables.stored import Measured, Stored
-from spin_rl.reproduce.tables.table import Claim, Table, compare
+from spin_rl.reproduce.tables.table import Claim, Kind, Table, compare
 
 _TRAININGS = {1: "visibility_1", 2: "cvo", 3: "visibility_3", 5: "visibility_5"}
 """Range [m] -> name of its trainings."""
+_ORDERINGS: tuple[tuple[int, int, Kind], ...] = ((2, 5, "more"), (1, 2, "alike"))
+"""Ranges [m] that the paper compares, and what it finds."""
 _HEADER = (
     *("range", "success", "each", "success, paper's"),
     *("distance", "distance, paper's", "time-outs", "trainings"),
@@ -75,7 +77,10 @@ def visibility(stored: Stored) -> Table:
 
 
 def _claims(methods: Mapping[int, Measured]) -> tuple[Claim, ...]:
-    if not {2, 5} <= methods.keys():
-        return ()
-    gap = VISIBILITY[2].success_rate - VISIBILITY[5].success_rate
-    return (compare("2 m over 5 m", methods[2].rate(), methods[5].rate(), paper=gap, wanted=0.0),)
+    claims: list[Claim] = []
+    for one, other, kind in _ORDERINGS:
+        if {one, other} <= methods.keys():
+            gap = VISIBILITY[one].success_rate - VISIBILITY[other].success_rate
+            rates = methods[one].rate(), methods[other].rate()
+            claims.append(compare(f"{one} m over {other} m", *rates, paper=gap, kind=kind))
+    return tuple(claims)
