@@ -50,7 +50,7 @@ def _draw_counts(axis: Any, behaviours: dict[str, dict[str, Any]]) -> None:
         left = {name: left[name] + behaviours[name][key] for name in behaviours}
     axis.invert_yaxis()
     axis.set_title("situations", fontsize=9)
-    axis.legend(fontsize=8, loc="center right")
+    axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, frameon=False)
 
 
 def draw_episodes(events: Sequence[dict[str, Any]], policy: str, path: Path) -> None:
