@@ -244,6 +244,7 @@ def test_budget_counts_the_phases_of_a_training(steps):
         ("alike", [0.9], [0.85], 0.0, "reproduced"),
         ("alike", [0.9], [0.6], 0.0, "better"),
         ("alike", [0.6], [0.9], 0.0, "worse"),
+        ("alike", [0.95, 0.5], [0.5, 0.55], 0.0, NOT_SHOWN),
         ("disputed", [0.9], [0.7], 0.0, "as the text says, against the table"),
         ("disputed", [0.7], [0.9], 0.0, "as the table says, against the text"),
         ("disputed", [0.9], [0.9], 0.0, "no difference shown"),

@@ -92,7 +92,7 @@ class Claim:
             return "reproduced" if far < _ALIKE else f"reproduced{ON_AVERAGE}"
         if self.low <= 0.0 <= self.high:
             return "neither a difference nor its absence shown"
-        return "better" if self.ours > 0.0 else "worse"
+        return self.qualified("better" if self.ours > 0.0 else "worse")
 
     def line(self) -> str:
         """All of it in a line."""
