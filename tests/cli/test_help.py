@@ -55,6 +55,11 @@ def test_help_needs_no_imports():
     assert text.startswith("spin-train: ") and slow == [] and seconds < 1.0
 
 
+def test_a_list_of_steps_needs_no_torch():
+    text, _, slow = call("reproduce")
+    assert "reach/cvo-1" in text and slow == []
+
+
 @pytest.mark.parametrize(
     ("command", "arguments", "expected"),
     [

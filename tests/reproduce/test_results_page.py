@@ -67,6 +67,42 @@ def test_the_page_has_every_table_with_its_sentences_and_command(results):
     assert whole.count("\n| --- |") == len(papers) and "Not measured yet, " not in whole
 
 
+def test_the_page_has_tables_of_other_plans_once_they_can_be_made(results, monkeypatch):
+    store_all(open_stored("1").steps, lambda name, cell: 50)
+    made = TABLES["1"](open_stored("1"))
+    monkeypatch.setattr(
+        "spin_rl.reproduce.tables.page.TABLES", {**TABLES, "active_camera": lambda stored: made}
+    )
+    assert page().count(f"\n## {made.title}\n") == 2
+
+
+def test_figures_in_the_tables_sentences_are_those_of_the_results():
+    def told(table, pattern):
+        return [float(figure) for figure in re.findall(pattern, TEXTS[table].about)]
+
+    def result(name):
+        return json.loads((RESULT_DIR / f"{name}.json").read_text())["result"]
+
+    missed = []
+    for mount in ("corridors_landscape", "corridors"):
+        sight = result(f"sight/{mount}")
+        pose_iv = sight["sight"]["pans"].index(0.0), sight["sight"]["tilts"].index(-0.2)
+        missed.append(round(100 * sight["groups"][0]["unseen"][pose_iv[0]][pose_iv[1]]))
+    assert told("fixcam", r"in (\d+) %") == missed
+
+    def hard(name, key):
+        rows = [row[key] for row in result(f"reach/{name}")["rows"] if row["difficulty"] == "hard"]
+        return sum(rows) / len(rows)
+
+    usual = {key: 0.5 * (hard("cvo-1", key) + hard("cvo-2", key)) for key in ("success_rate", "timeout_rate")}
+    for name in ("visibility_3-2", "visibility_5-2"):
+        lost = usual["success_rate"] - hard(name, "success_rate")
+        assert told("visibility", r"lose (\d+) points") == [round(100 * lost)]
+        assert 0.0 < hard(name, "timeout_rate") - usual["timeout_rate"] < 0.5 * lost
+    for name in ("visibility_3-1", "visibility_5-1"):
+        assert usual["success_rate"] - hard(name, "success_rate") < 0.02
+
+
 def test_texts_are_two_sentences_at_most():
     assert TEXTS.keys() == TABLES.keys()
     for text in TEXTS.values():

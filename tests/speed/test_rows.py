@@ -243,6 +243,7 @@ def test_everything_end_to_end(monkeypatch, capfd, device, tmp_path):
     assert lines[-1].startswith(f"Wrote {out}: ")
     result = json.loads(out.read_text())
     assert result["device"] == device and result["settings"]["num_envs"] == 8
+    assert "preset=cpu" in result["settings"]["overrides"] and str(out) not in out.read_text()
     names = [row["name"] for row in result["rows"]]
     for name in ("scandots, 14 obstacles, frustum and window", "env step", "env step, 4 worlds",
                  "env step with depth images",

@@ -24,6 +24,8 @@ FREE = "free"
 """In fetches: what the others are compared with."""
 _FETCH_CAMERAS = {"frozen": "free, frozen at", "blind": "free, blind"}
 """What the free policies' camera is without having been trained so: the freeze test, and the control."""
+MET = "met"
+"""Verdict of a difference that is large enough, and between all trainings."""
 WANTED = 0.15
 """Difference to every constant pose from which the camera's motion counts as worth its motors."""
 _HELD = ("task.camera_pose=", "task.camera_frozen_after_s=")
@@ -42,7 +44,7 @@ class Margin(Claim):
             return "no difference shown"
         if self.high < 0.0:
             return self.qualified("the other way round")
-        return self.qualified("met" if self.ours >= self.wanted else "better, by less than wanted")
+        return self.qualified(MET if self.ours >= self.wanted else "better, by less than wanted")
 
     def line(self) -> str:
         """All of it in a line."""
@@ -74,10 +76,12 @@ def active_camera(stored: Stored) -> Table:
             notes.append(_worth(group, [own[name] for name in own if _is_held(methods[name])]))
             frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
             rows.append(_frozen_row(group, frozen))
+            records.append(_frozen_record(group, frozen))
             notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
     if (fetches := _fetches(stored)) is not None:
-        rows += [_fetch_row(fetches, name) for name in fetches]
         over = {name: _over_in_fetches(fetches, name) for name in fetches if name != FREE}
+        rows += [_fetch_row(fetches, name, over.get(name)) for name in fetches]
+        records += [_record("fetch", name, method, over.get(name)) for name, method in fetches.items()]
         margins += over.values()
         every += fetches.values()
         notes.append(_worth("fetch", [margin for name, margin in over.items() if name not in _FETCH_CAMERAS]))
@@ -158,7 +162,7 @@ def _over_in_fetches(fetches: Mapping[str, Measured], name: str) -> Margin:
     return margin_over(f"{name} in fetches", fetches[FREE], fetches[name])
 
 
-def _fetch_row(fetches: Mapping[str, Measured], name: str) -> tuple[str, ...]:
+def _fetch_row(fetches: Mapping[str, Measured], name: str, margin: Margin | None) -> tuple[str, ...]:
     method = fetches[name]
     overall = [result["result"]["overall"] for result in method.results]
 
@@ -166,7 +170,6 @@ def _fetch_row(fetches: Mapping[str, Measured], name: str) -> tuple[str, ...]:
         return f"{sum(values[key] for values in overall) / len(overall):.2f}"
 
     pose = method.results[0]["result"]["camera_pose"]
-    margin = None if name == FREE else _over_in_fetches(fetches, name)
     return (
         "fetch",
         _FETCH_CAMERAS.get(name, name) + ("" if pose is None else f" [{pose[0]:g},{pose[1]:g}]"),
@@ -235,7 +238,7 @@ def _record(group: str, name: str, method: Measured, margin: Margin | None) -> d
 def _worth(group: str, held: Sequence[Margin]) -> str:
     """Whether the free camera is worth its motors in a kind of places: by its strongest opponent."""
     least = min(held, key=lambda margin: margin.ours)
-    is_worth = all(margin.low > 0.0 and margin.ours >= margin.wanted for margin in held)
+    is_worth = all(margin.verdict == MET for margin in held)
     return (
         f"{group}: the free camera is {'' if is_worth else 'not '}worth its motors by the criterion; the "
         f"smallest difference to a constant pose, given or chosen: {least.text}, {least.measured()}"
@@ -254,8 +257,7 @@ def _camera(name: str, method: Measured) -> str:
 
 def _frozen_row(group: str, frozen: Measured) -> tuple[str, ...]:
     """The freeze test: the free policies with the camera held at its own mean pose."""
-    variants = [result["result"]["variants"] for result in frozen.results]
-    found = [next(v for v in of if v["kind"] == "frozen") for of in variants]
+    found = _frozen_variants(frozen)
     rates = [variant["mean_success"] for variant in found]
     lost = [variant["difference"] for variant in found]
     intervals = [f"{-d['mean']:+.2f} ({-d['ci95'][1]:+.2f} to {-d['ci95'][0]:+.2f})" for d in lost]
@@ -274,6 +276,23 @@ def _frozen_row(group: str, frozen: Measured) -> tuple[str, ...]:
         "; ".join(intervals),
         frozen.steps,
     )
+
+
+def _frozen_variants(frozen: Measured) -> list[Mapping[str, Any]]:
+    variants = [result["result"]["variants"] for result in frozen.results]
+    return [next(v for v in of if v["kind"] == "frozen") for of in variants]
+
+
+def _frozen_record(group: str, frozen: Measured) -> dict[str, Any]:
+    found = _frozen_variants(frozen)
+    return {
+        "places": group,
+        "camera": "free, frozen at its mean",
+        "success_rate": sum(variant["mean_success"] for variant in found) / len(found),
+        "each_training": " ".join(f"{variant['mean_success']:.4f}" for variant in found),
+        "difference": -sum(variant["difference"]["mean"] for variant in found) / len(found),
+        "trainings": frozen.steps,
+    }
 
 
 def _bound(group: str, sight: Mapping[str, Any]) -> str:

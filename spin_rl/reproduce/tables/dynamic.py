@@ -145,7 +145,7 @@ def _notes_of_collisions(found: Mapping[str, Mapping[Any, Any]]) -> Iterator[str
             f"{method} {_mean(STATIC_DYNAMIC[condition][method].collisions for condition in conditions):.1f}"
             for method in ("SPIN", "Classical")
         ]
-        yield f"collisions with {obstacles} obstacles: {', '.join(ours)}; paper: {', '.join(paper)}"
+        yield f"collisions with {obstacles} obstacles: {'; '.join(ours)}; the paper's {'; '.join(paper)}"
 
 
 def _mean(values: Iterable[float]) -> float:

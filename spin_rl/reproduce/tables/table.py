@@ -23,10 +23,8 @@ Kind = Literal["more", "alike", "disputed"]
 """What the paper claims of a difference: that there is one, that there is none, or both in two places."""
 _ALIKE = 0.10
 """Differences below this are none."""
-ON_AVERAGE = " on average, not between all trainings"
-"""What is added where the mean is within what counts as alike, and not all pairs of trainings are."""
 NOT_SHOWN = "not shown: trainings differ by more than this"
-"""What is said of a difference that not all pairs of trainings bear out: its interval knows scenes alone."""
+"""What is said of what not all pairs of trainings bear out: an interval knows scenes alone."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class Claim:
     def _verdict_of_alike(self) -> str:
         if -_ALIKE < self.low and self.high < _ALIKE:
             far = max(map(abs, self.trainings or (0.0,)))
-            return "reproduced" if far < _ALIKE else f"reproduced{ON_AVERAGE}"
+            return "reproduced" if far < _ALIKE else NOT_SHOWN
         if self.low <= 0.0 <= self.high:
             return "neither a difference nor its absence shown"
         return self.qualified("better" if self.ours > 0.0 else "worse")
@@ -103,7 +101,7 @@ class Claim:
 
     def measured(self) -> str:
         """The difference, its interval and that between trainings."""
-        between = "one training each"
+        between = "no pairs of trainings to compare"
         if self.trainings is not None:
             between = "between trainings {:+.2f} to {:+.2f}".format(*self.trainings)
         return f"{self.ours:+.2f} ({self.low:+.2f} to {self.high:+.2f}; {between})"
