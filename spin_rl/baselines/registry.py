@@ -41,12 +41,19 @@ class Baseline:
             raise ConfigError(f"task.goal_range_m: policy={name} needs the goal where it is, in its map")
 
 
+_BY_LIDAR = {"task": {"name": "nav", "lidar": {"enabled": True}}}
+
 BASELINES: Mapping[str, Baseline] = MappingProxyType(
     {
         "classical": Baseline(
             lambda obs, device: Deferred("spin_rl.baselines.lidar_stack.policy:LidarStack")(device),
-            {"task": {"name": "nav", "lidar": {"enabled": True}}},
-        )
+            _BY_LIDAR,
+        ),
+        # What the lidar shows on the way is not marked: ways lead through the map that was made before.
+        "classical-map": Baseline(
+            lambda obs, device: Deferred("spin_rl.baselines.lidar_stack.policy:by_map_alone")(device),
+            _BY_LIDAR,
+        ),
     }
 )
 """Name -> baseline."""

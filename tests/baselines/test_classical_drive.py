@@ -114,7 +114,7 @@ def test_it_does_not_fetch():
     with pytest.raises(ConfigError, match=r"^policy: classical takes no turns with others"):
         policies.open_for(FETCH, {"policy": "classical", "pick": "zero"})
     assert policies.of_task(FETCH) == ("zero", "random")
-    assert policies.of_task(NAV) == ("classical", "zero", "random")
+    assert policies.of_task(NAV) == ("classical", "classical-map", "zero", "random")
 
 
 def test_the_footprint_is_that_of_the_stowed_robot():

@@ -131,7 +131,7 @@ def test_one_table_goes_to_the_terminal_and_every_format(results, spin_eval, tmp
     [
         (["table=nonsense"], "table: unknown 'nonsense'; choose from 1, place, fixcam"),
         (["table=[1]"], "table: "),
-        (["table=dynamic"], "table: dynamic: not measured yet, 5 results: spin-reproduce run=true "),
+        (["table=dynamic"], "table: dynamic: not measured yet, 6 results: spin-reproduce run=true "),
         (["table=all", "fresh=true"], "fresh: name one table, of 1, place"),
         (["table=all", "out=a.csv"], "out: table=all is written to .md, not to a.csv"),
         (["table=1", "out=a"], "out: table=1 is written to .md or .csv or .json or .txt, not to a"),

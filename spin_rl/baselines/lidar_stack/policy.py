@@ -17,7 +17,7 @@ from spin_rl.baselines.lidar_stack.mapping import MappingDrive
 from spin_rl.baselines.lidar_stack.poses import to_frame_of
 from spin_rl.baselines.lidar_stack.recovery import BACKING, ROTATING, Recovery
 from spin_rl.baselines.lidar_stack.scans import LastTurn, LidarModel
-from spin_rl.baselines.lidar_stack.settings import StackSettings
+from spin_rl.baselines.lidar_stack.settings import PlannerSettings, StackSettings
 from spin_rl.tasks.common.formulas import GOAL_SCALE_M
 
 if TYPE_CHECKING:
@@ -186,3 +186,14 @@ class LidarStack:
         actions[:, 0] = speeds[:, 0] / most
         actions[:, 1] = speeds[:, 1] / profile.turn_max
         return torch.as_tensor(actions, device=self._device).clamp_(-1.0, 1.0)
+
+
+def by_map_alone(device: str) -> LidarStack:
+    """Make a stack that plans through the map of the mapping drive, and marks nothing that it sees later.
+
+    It still drives into nothing that the last turn of the lidar shows.
+
+    Args:
+        device: Of the actions.
+    """
+    return LidarStack(device, StackSettings(planner=PlannerSettings(mark_m=0.0)))

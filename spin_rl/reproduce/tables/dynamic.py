@@ -13,7 +13,7 @@ from spin_rl.reproduce.tables.rates import Rate
 from spin_rl.reproduce.tables.stored import Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table, compare
 
-_CLASSICAL = ("classical", "classical_60s")
+_CLASSICAL = ("classical", "classical_60s", "classical_map")
 """Opponents, the one with as much time first."""
 _OBSTACLES = tuple(dict.fromkeys(obstacles for _, obstacles in CONDITIONS))
 _POLICIES = {
@@ -22,6 +22,7 @@ _POLICIES = {
     "nav-cvo": ("nav-cvo, corridors only", "SPIN"),
     "classical": ("classical", "Classical"),
     "classical_60s": ("classical, 60 s of slack", "Classical"),
+    "classical_map": ("classical, by the map alone", "Classical"),
 }
 """Name of a result -> what acts, and its method in the paper."""
 
