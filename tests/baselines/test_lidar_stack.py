@@ -1,5 +1,7 @@
 """Parts of the classical stack against formulas and scikit-fmm, and the whole of it in a small place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skfmm
@@ -10,6 +12,7 @@ from spin_rl import robot
 from spin_rl.baselines.lidar_stack import localization, mapping
 from spin_rl.baselines.lidar_stack.follower import Follower
 from spin_rl.baselines.lidar_stack.grids import Grids, Ways
+from spin_rl.baselines.lidar_stack.policy import LidarStack, by_map_alone
 from spin_rl.baselines.lidar_stack.poses import compose, relative
 from spin_rl.baselines.lidar_stack.recovery import BACKING, CLEARING, DRIVING, ROTATING, Recovery
 from spin_rl.baselines.lidar_stack.scans import LastTurn
@@ -22,7 +25,7 @@ from spin_rl.baselines.lidar_stack.settings import (
 )
 from spin_rl.sensors.odometry import OdometryConfig
 from spin_rl.warp_kernels.distance_field.field import UNREACHABLE
-from spin_rl.warp_kernels.grid_map.scans import HIT, SKIPPED
+from spin_rl.warp_kernels.grid_map.scans import HIT, PASSED, SKIPPED
 
 NUM_WORLDS = 2
 EVERYWHERE = np.ones(NUM_WORLDS, dtype=bool)
@@ -151,6 +154,14 @@ def test_beams_mark_and_clear_only_so_far():
     assert kinds[0, :2].tolist() == [int(SKIPPED)] * 2 and kinds[0, 2] == int(HIT)
     lengths = np.linalg.norm(ends - MODEL.position, axis=-1)[0]
     np.testing.assert_allclose(lengths[2:5], (1.0, 2.8, 3.0))
+
+
+def test_by_the_map_alone_nothing_is_marked_and_all_else_is_as_before():
+    usual, by_map = LidarStack("cpu").settings, by_map_alone("cpu").settings
+    ranges = np.array([[0.2, 1.0, 2.8] + [5.0] * 357])
+    kinds = MODEL.limited(ranges, by_map.planner.mark_m, by_map.planner.clear_m)[1]
+    assert (kinds == int(PASSED)).all()
+    assert replace(by_map, planner=replace(by_map.planner, mark_m=usual.planner.mark_m)) == usual
 
 
 def box_points(x, y, half, spacing=0.02):
