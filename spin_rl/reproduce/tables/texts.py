@@ -58,7 +58,8 @@ TEXTS: Mapping[str, Text] = MappingProxyType(
             "Simulated counterparts of the paper's two real places "
             "([how](baselines.md#the-dynamic-benchmark)), where an episode goes on after a collision. The "
             "learned policies are shipped ones, with and without the guard and planner that the paper "
-            "does not have; the classical stack maps, localizes, plans and follows.",
+            "does not have; the classical stack maps, localizes, plans and follows, and by its map alone "
+            "it breaks with dynamic obstacles as the paper's does.",
         ),
         "depth": Text(
             "Scandots against depth images: steps a second, and success after a training of some minutes",
