@@ -268,6 +268,7 @@ def test_zero_policy_with_held_cameras(device, tmp_path):
     assert (tmp_path / "new" / "camera_looking.png").stat().st_size > 10_000
     two = [("a", own["looking"]), ("b", own["looking"] | {"examples": own["looking"]["examples"][:1]})]
     camera_drawing.draw_looking(two, tmp_path / "two.png")
+    camera_drawing.draw_looking([("none", own["looking"] | {"examples": []})], tmp_path / "none.png")
     assert (tmp_path / "two.png").stat().st_size > (tmp_path / "new" / "camera_looking.png").stat().st_size
 
 

@@ -77,7 +77,7 @@ def test_limit_of_time_and_what_is_written(tmp_path, capsys):
     runner = PPORunner(FakeEnv(), make_config() | {"save_minutes": 0.1 / 60}, tmp_path)
     summary = runner.train(1_000_000, max_minutes=1.0 / 60)
     assert summary["stopped_by"] == "max_minutes"
-    assert 0.5 / 60 < summary["minutes"] < 1.0  # a busy machine may take seconds for the first iteration
+    assert 0.5 / 60 < summary["minutes"] < 2.0 / 60
     assert summary["env_steps"] == summary["iterations"] * 8 * 12
     assert len(list((tmp_path / "checkpoints").glob("iteration_*.pt"))) == 3
     assert load_checkpoint(tmp_path / "checkpoints" / "last.pt")["iteration"] == summary["iterations"]

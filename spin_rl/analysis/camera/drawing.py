@@ -33,9 +33,10 @@ def draw_looking(rows: Sequence[tuple[str, dict[str, Any]]], path: Path) -> None
         axes[0].set_title(title, fontsize=9)
         for axis, example in zip(axes[1:], looking["examples"], strict=False):
             _draw_example(axis, example)
+        if looking["examples"]:
+            axes[1].legend(fontsize=7, loc="lower left")
         for axis in axes[1 + len(looking["examples"]) :]:
             axis.axis("off")
-    grid[0][1].legend(fontsize=7, loc="lower left")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=90)
 

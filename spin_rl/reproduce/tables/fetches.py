@@ -10,7 +10,7 @@ from spin_rl.benchmark.metrics import wilson_interval
 from spin_rl.benchmark.tables.paper import PICK, PLACE
 from spin_rl.reproduce.tables.corridors import CELLS, THEIRS
 from spin_rl.reproduce.tables.notes import INTERVALS, budget_note, known
-from spin_rl.reproduce.tables.rates import Rate
+from spin_rl.reproduce.tables.rates import Rate, rate_text
 from spin_rl.reproduce.tables.stored import Cell, Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Kind, Table, compare
 
@@ -120,8 +120,7 @@ class _Pick:
         return wilson_interval(self.succeeded / self.trainings, self.episodes / self.trainings)
 
     def text(self) -> str:
-        low, high = self.interval
-        return f"{self.value:.2f} ({low:.2f}-{high:.2f})"
+        return rate_text(self.value, self.interval)
 
 
 def _pick(method: Measured) -> _Pick | None:

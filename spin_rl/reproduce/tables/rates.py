@@ -67,12 +67,16 @@ class Rate:
 
     def text(self) -> str:
         """Such as `0.93 (0.90-0.95)`."""
-        low, high = self.interval
-        return f"{self.value:.2f} ({low:.2f}-{high:.2f})"
+        return rate_text(self.value, self.interval)
 
     def each_text(self) -> str:
         """Such as `0.95 0.91`."""
         return " ".join(f"{rate:.2f}" for rate in self.each)
+
+
+def rate_text(value: float, interval: tuple[float, float]) -> str:
+    """A rate with its interval, such as `0.93 (0.90-0.95)`."""
+    return f"{value:.2f} ({interval[0]:.2f}-{interval[1]:.2f})"
 
 
 def difference(one: Rate, other: Rate) -> tuple[float, float, float]:
