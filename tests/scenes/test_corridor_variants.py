@@ -10,7 +10,7 @@ from spin_rl.planning import solvability
 from spin_rl.scenes.kinds import FAMILIES
 
 # Of other generators: tables, a corridor with a table, and families of places.
-OTHERS = {"fetch", "tabletop", "mixture", "blind_crossing", *FAMILIES}
+OTHERS = {"fetch", "tabletop", "mixture", "emerging", "blind_crossing", *FAMILIES}
 FILES = {file.stem for file in (CONF_DIR / "scene").glob("*.yaml")}
 NAMES = sorted(FILES - OTHERS)
 

@@ -102,6 +102,21 @@ def test_counts_are_within_their_ranges(family):
         assert abs(paper.mean() - PARAMS.corridor.paper_share) < 4 * np.sqrt(0.25 / len(paper))
 
 
+def test_things_come_out_of_the_walls_of_the_papers_corridors_alone(device):
+    params = scene_params("emerging")
+    assert isinstance(params, FamilyParams)
+    still = dataclasses.replace(params, walker=WalkerParams(share=0.0), shares=Shares(crossing=0.0))
+    assert still.moves and not dataclasses.replace(still, emerging_share=0.0).moves
+    assert not dataclasses.replace(still, shares=Shares(corridor=0.0, crossing=0.0)).moves
+    got = values(generate(NUM_WORLDS, device, still, seed=3))
+    moves = (got["motion_speed"] > 0.0) & got["active"]
+    paper = got["scenario"] > 0
+    assert paper.any() and not moves[~paper].any()
+    # Half of them, less those that stand too near to the start.
+    count = got["num_obstacles"][paper].sum()
+    assert 0.35 * count < moves[paper].sum() < 0.55 * count
+
+
 def test_the_start_is_clear_for_mujoco_and_can_reach_the_goal(family):
     name, layout = family
     way = layout.way_m.numpy()

@@ -288,7 +288,13 @@ class FamilyParams(GeneratorParams):
         """Whether anything can move."""
         walked = self.shares.room + self.shares.doorway + self.shares.field
         crossed = self.shares.crossing * self.crossing.mover_share
-        return crossed > 0.0 or walked * self.walker.share > 0.0 or self.shares.shuttle > 0.0
+        paper = self.shares.corridor * self.corridor.paper_share
+        return (
+            crossed > 0.0
+            or walked * self.walker.share > 0.0
+            or self.shares.shuttle > 0.0
+            or (paper > 0.0 and super().moves)
+        )
 
     @property
     def paper(self) -> GeneratorParams:
@@ -302,8 +308,7 @@ GROUPS = ("furniture", "corridor", "room", "doorway", "field", "crossing", "walk
 """Nested parameters that are one for all worlds' draws of a family or of furniture."""
 
 _MEANINGLESS = (
-    "length", "first_leg", "first_obstacle", "corner_share", "hard_obstacles", "max_distractors",
-    "emerging_share", "patrolling_share", "emerging_trigger", "motion_speed", "start_y",
+    "length", "first_leg", "first_obstacle", "corner_share", "hard_obstacles", "max_distractors", "start_y",
 )  # fmt: skip
 # What a family's code can build inside the square.
 _LIMITS = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, get_args
 
@@ -138,6 +138,18 @@ class ScandotsConfig:
         require_positive(self, "task.scandots")
 
 
+def check_head_pose(key: str, pose: Sequence[float]) -> None:
+    """Reject a head pose (pan, tilt) [rad] beyond the joints' limits; an empty one is none.
+
+    Raises:
+        ValueError: One line that names the key.
+    """
+    for joint, value in zip(robot.CAMERA_JOINTS, pose, strict=False):
+        index = robot.JOINTS.index(joint)
+        if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:
+            raise ValueError(f"{key}: {value} is outside the limits of {joint}")
+
+
 @dataclass(frozen=True)
 class TaskConfig:
     """What every task has.
@@ -169,10 +181,7 @@ class TaskConfig:
         """Reject impossible values with the key's name."""
         if self.robot_profile not in robot.SPEED_PROFILES:
             raise ValueError(f"robot: unknown profile {self.robot_profile!r}")
-        for joint, value in zip(robot.CAMERA_JOINTS, self.camera_pose or (), strict=False):
-            index = robot.JOINTS.index(joint)
-            if not robot.JOINT_LOWER[index] <= value <= robot.JOINT_UPPER[index]:
-                raise ValueError(f"task.camera_pose: {value} is outside the limits of {joint}")
+        check_head_pose("task.camera_pose", self.camera_pose or ())
         if not self.sim.control_period < self.episode_s < math.inf:
             raise ValueError(f"task.episode_s must exceed one control step, got {self.episode_s}")
         require_positive(self, "task")

@@ -10,7 +10,7 @@ from spin_rl.planning.distance_field import GridSpec
 from spin_rl.scenes.corridors.params import GeneratorParams
 from spin_rl.sensors.lidar import LidarConfig
 from spin_rl.sensors.odometry import OdometryConfig
-from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, require_positive
+from spin_rl.tasks.common.config import CorridorConfig, ProprioNoise, check_head_pose, require_positive
 from spin_rl.tasks.common.rewards import check_scales
 from spin_rl.tasks.nav.rewards import TERMS
 
@@ -97,12 +97,15 @@ class NavConfig(CorridorConfig):
 
     Attributes:
         camera_action: What the camera's two actions say: "target", where the head goes, or "rate", how fast
-            its target moves, 1 being the head's largest speed. Or "gaze": nothing, the camera looks where one
-            looks that knows what it has not shown yet (`sensors.gaze`), which no robot can know.
+            its target moves, 1 being the head's largest speed. Or "gaze": nothing, the camera goes to
+            `gaze_poses` in turn, or looks where one looks that knows what it has not shown yet
+            (`sensors.gaze`), which no robot can know.
         camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then
             [s]; None lets it move. `camera_pose` goes before both.
         teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate; with
             camera actions that are targets.
+        gaze_poses: Head poses (pan, tilt) that the gaze takes in turn [rad] (`sensors.patrol`); none of them
+            and it looks for unknown things (`sensors.gaze`).
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
         slack_s: Time that every episode in scene families has [s].
         slowness: How many times as long as the way to the goal takes at full speed it has besides.
@@ -120,6 +123,7 @@ class NavConfig(CorridorConfig):
     camera_action: Annotated[str, Choice(CAMERA_ACTIONS)] = "target"
     camera_frozen_after_s: float | None = None
     teach_gaze: bool = False
+    gaze_poses: tuple[tuple[float, float], ...] = ()
     stop_on_collision: bool = True
     slack_s: float = 10.0
     slowness: float = 3.0
@@ -141,4 +145,6 @@ class NavConfig(CorridorConfig):
         require_positive(self, "task", ("slowness",))
         if self.teach_gaze and self.camera_action != "target":
             raise ValueError(f"task.teach_gaze: needs camera_action=target, not {self.camera_action}")
+        for pose in self.gaze_poses:
+            check_head_pose("task.gaze_poses", pose)
         check_scales(self.reward, TERMS)

@@ -21,6 +21,7 @@ from spin_rl.sensors.lidar import Lidar
 from spin_rl.sensors.memory import SeenThings
 from spin_rl.sensors.noisy_map import NoisyMap
 from spin_rl.sensors.odometry import Odometry
+from spin_rl.sensors.patrol import Patrol
 from spin_rl.sim.graph import torch_order
 from spin_rl.tasks.common.corridor import CorridorEnv
 from spin_rl.tasks.common.env import with_camera_at
@@ -186,7 +187,7 @@ class NavEnv(CorridorEnv):
         self.guard: Guard | None = None
         self.planner: Planner | None = None
         self._awareness: Awareness | None = None
-        self._gaze: Gaze | None = None
+        self._gaze: Gaze | Patrol | None = None
         is_rewarded = "information" in self._reward_scales
         is_gazed = cfg.teach_gaze or cfg.camera_action == "gaze"
         if not (cfg.guard.enabled or is_rewarded or is_gazed):
@@ -202,7 +203,9 @@ class NavEnv(CorridorEnv):
                 self.guard.add_recovery(self.planner.field, cfg.planner.stuck_s, self._episode_length)
         if is_rewarded:
             self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
-        if is_gazed:
+        if is_gazed and cfg.gaze_poses:
+            self._gaze = Patrol(cfg.gaze_poses, sim.data.qpos)
+        elif is_gazed:
             ahead = self._goal if self.planner is None else wp.from_torch(self.planner.subgoal, dtype=wp.vec2)
             moves = (sim.data.qpos, sim.data.qvel, ahead)
             self._gaze = Gaze(
