@@ -11,9 +11,10 @@ from spin_rl import robot
 from spin_rl.sensors.interface import Sensor
 
 ARRIVED_RAD = 0.12
-"""A head that is so near to a pose, in pan and in tilt, goes on to the next one [rad]."""
+"""A head that is so near to a pose, in pan and in tilt, has arrived [rad]."""
 
 _PAN, _TILT = (wp.constant(robot.DOF_NAMES.index(joint)) for joint in robot.CAMERA_JOINTS)
+_PAN_ACTION, _TILT_ACTION = (wp.constant(robot.ACTIONS.index(joint)) for joint in robot.CAMERA_JOINTS)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,45 +26,49 @@ def _go_on(
     actions: wp.array[wp.vec2],
     arrived: float,
     qpos: wp.array2d[float],
-    # In and out
-    towards: wp.array[int],
+    action: wp.array2d[float],
     # Out
     gaze_out: wp.array2d[float],
 ) -> None:
     world = wp.tid()
-    now = towards[world]
+    sent = wp.vec2(action[world, _PAN_ACTION], action[world, _TILT_ACTION])
+    now = int(0)
+    for i in range(1, poses.shape[0]):
+        if wp.length(actions[i] - sent) < wp.length(actions[now] - sent):
+            now = i
     away_pan = wp.abs(qpos[world, _PAN] - poses[now][0])
     away_tilt = wp.abs(qpos[world, _TILT] - poses[now][1])
     if wp.max(away_pan, away_tilt) < arrived:
         now = (now + 1) % poses.shape[0]
-        towards[world] = now
     gaze_out[world, 0] = actions[now][0]
     gaze_out[world, 1] = actions[now][1]
     gaze_out[world, 2] = 1.0
 
 
 class Patrol(Sensor):
-    """Sends the head to each of a few poses in turn, to the next one once it has arrived.
+    """Sends the head to each of a few poses in turn.
 
-    Unlike `Gaze` it knows nothing that a policy cannot know: where its head is, and what it did last.
+    It is sent to the pose that it was last sent nearest to, or, once it has arrived there, to the next one.
+    Unlike `Gaze` it goes by nothing but what `proprio` tells: where the head is, and where it was sent. So a
+    policy can do the same from the first step on, wherever its own camera has been so far.
 
     Attributes:
         gaze: Camera actions that send the head to its next pose, and 1, shape (nworld, 3).
     """
 
-    def __init__(self, poses: Sequence[Sequence[float]], qpos: wp.array) -> None:
+    def __init__(self, poses: Sequence[Sequence[float]], qpos: wp.array, action: wp.array) -> None:
         """Allocate the buffers.
 
         Args:
-            poses: Head pan and tilt [rad] of each pose, within the joints' limits.
+            poses: Head pan and tilt [rad] of each pose, all different, within the joints' limits.
             qpos: ``d.qpos``, shape (nworld, nq).
+            action: What was executed last, in the order of `robot.ACTIONS`, shape (nworld, num_actions).
         """
-        self._qpos = qpos
+        self._qpos, self._action = qpos, action
         actions = [list(map(robot.action_of, robot.CAMERA_JOINTS, pose)) for pose in poses]
         nworld, device = qpos.shape[0], qpos.device
         self._poses = wp.array(poses, dtype=wp.vec2, device=device)
         self._actions = wp.array(actions, dtype=wp.vec2, device=device)
-        self._towards = wp.zeros(nworld, dtype=wp.int32, device=device)
         self.gaze = wp.zeros((nworld, 3), dtype=float, device=device)
 
     def update(self) -> None:
@@ -71,7 +76,7 @@ class Patrol(Sensor):
         wp.launch(
             _go_on,
             dim=self.gaze.shape[0],
-            inputs=[self._poses, self._actions, ARRIVED_RAD, self._qpos, self._towards],
+            inputs=[self._poses, self._actions, ARRIVED_RAD, self._qpos, self._action],
             outputs=[self.gaze],
             device=self.gaze.device,
         )

@@ -47,15 +47,27 @@ def test_the_head_goes_to_all_poses_in_turn(make_nav_env):
     assert all(after == (before + 1) % 3 for before, after in pairwise(order))
 
 
-def test_what_it_says_is_where_to_go_until_the_head_is_there(make_nav_env):
-    went, said = head_positions(make_nav_env, teach_gaze=True, camera_pose=(-1.2, -1.3))
-    assert visits(went) == [1]  # the head is held at the second pose, and so never arrives at the third
-    first = [robot.action_of(joint, at) for joint, at in zip(robot.CAMERA_JOINTS, POSES[0], strict=True)]
-    for step in said:
-        assert step[:, 2].tolist() == [1.0, 1.0]
-        assert step[0, :2].tolist() == pytest.approx(first)  # where it goes first, and never gets
+@pytest.mark.parametrize(
+    ("held", "wanted"),
+    [(POSES[1], POSES[2]), (POSES[2], POSES[0]), ((-0.1, -0.4), POSES[0]), ((-0.9, -1.1), POSES[1])],
+)
+def test_a_head_that_never_obeys_is_sent_to_the_nearest_pose_or_to_the_one_after_it(
+    make_nav_env, held, wanted
+):
+    """So what is said follows from where the head is and where it was sent: from what the policy is told."""
+    _, said = head_positions(make_nav_env, teach_gaze=True, camera_pose=held)
+    action = [robot.action_of(joint, at) for joint, at in zip(robot.CAMERA_JOINTS, wanted, strict=True)]
+    for step in said[5:]:
+        assert step[0].tolist() == pytest.approx([*action, 1.0]) and step[0].equal(step[1])
 
 
-def test_a_pose_out_of_reach_is_named():
-    with pytest.raises(ValueError, match=r"task\.gaze_poses: 2\.0 is outside the limits of head_tilt"):
-        NavConfig(gaze_poses=((0.0, -0.1), (0.0, 2.0)))
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        (((0.0, -0.1), (0.0, 2.0)), r"task\.gaze_poses: 2\.0 is outside the limits of head_tilt"),
+        (((0.0, -0.1), (0.0, -0.7), (0.0, -0.1)), r"task\.gaze_poses: a pose stands twice"),
+    ],
+)
+def test_poses_that_cannot_be_taken_in_turn_are_named(poses, message):
+    with pytest.raises(ValueError, match=message):
+        NavConfig(gaze_poses=poses)

@@ -16,10 +16,11 @@ KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_si
 """Kinds of results: of trainings, of the freeze test, of the screening."""
 FETCH = "active_camera_fetch"
 """Kind of results of whole fetches, by policies whose camera is free and by others that have one pose."""
-LEARN, LEARN_IN = "learn", "shuttle"
+LEARN, LEARN_IN = "learn", "beam"
 """The group of trainings that learn in other ways, and the one whose free camera they are compared with."""
-ALONE = "learn_alone"
-"""Of that group, the training without a gaze to imitate, with which the others have that in common."""
+ALONE, GREEDY = "learn_alone", "learn_greedy"
+"""Of that group, the training without a gaze to imitate, with which the others have that in common, and one
+that imitates another gaze."""
 FREE = "free"
 """In fetches: what the others are compared with."""
 _FETCH_CAMERAS = {"frozen": "free, frozen at", "blind": "free, blind"}
@@ -66,7 +67,7 @@ def active_camera(stored: Stored) -> Table:
         free = stored.of_trainings(KIND, f"{LEARN_IN if group == LEARN else group}_free")
         own: dict[str, Margin] = {}
         for name, method in methods.items():
-            reference = methods[ALONE] if group == LEARN and name != ALONE else free
+            reference = methods[ALONE] if group == LEARN and name not in (ALONE, GREEDY) else free
             if method.name != reference.name:
                 own[name] = margin_over(name, reference, method)
             rows.append(_row(group, name, method, own.get(name)))

@@ -147,4 +147,6 @@ class NavConfig(CorridorConfig):
             raise ValueError(f"task.teach_gaze: needs camera_action=target, not {self.camera_action}")
         for pose in self.gaze_poses:
             check_head_pose("task.gaze_poses", pose)
+        if len(set(self.gaze_poses)) < len(self.gaze_poses):
+            raise ValueError("task.gaze_poses: a pose stands twice: which one comes next is not clear")
         check_scales(self.reward, TERMS)

@@ -204,7 +204,7 @@ class NavEnv(CorridorEnv):
         if is_rewarded:
             self._awareness = Awareness(sim.layout, sim.data.qpos, seen, cfg.information_m, period)
         if is_gazed and cfg.gaze_poses:
-            self._gaze = Patrol(cfg.gaze_poses, sim.data.qpos)
+            self._gaze = Patrol(cfg.gaze_poses, sim.data.qpos, sim.action)
         elif is_gazed:
             ahead = self._goal if self.planner is None else wp.from_torch(self.planner.subgoal, dtype=wp.vec2)
             moves = (sim.data.qpos, sim.data.qvel, ahead)
