@@ -12,6 +12,8 @@ from spin_rl.sensors.interface import Sensor
 
 ARRIVED_RAD = 0.12
 """A head that is so near to a pose, in pan and in tilt, has arrived [rad]."""
+MEANT = 0.25
+"""Actions that are so near to those of a pose, in both together, mean that pose."""
 
 _PAN, _TILT = (wp.constant(robot.DOF_NAMES.index(joint)) for joint in robot.CAMERA_JOINTS)
 _PAN_ACTION, _TILT_ACTION = (wp.constant(robot.ACTIONS.index(joint)) for joint in robot.CAMERA_JOINTS)
@@ -25,6 +27,7 @@ def _go_on(
     poses: wp.array[wp.vec2],
     actions: wp.array[wp.vec2],
     arrived: float,
+    meant: float,
     qpos: wp.array2d[float],
     action: wp.array2d[float],
     # Out
@@ -34,7 +37,7 @@ def _go_on(
     sent = wp.vec2(action[world, _PAN_ACTION], action[world, _TILT_ACTION])
     now = int(0)
     for i in range(1, poses.shape[0]):
-        if wp.length(actions[i] - sent) < wp.length(actions[now] - sent):
+        if wp.length(actions[i] - sent) < meant:
             now = i
     away_pan = wp.abs(qpos[world, _PAN] - poses[now][0])
     away_tilt = wp.abs(qpos[world, _TILT] - poses[now][1])
@@ -48,9 +51,10 @@ def _go_on(
 class Patrol(Sensor):
     """Sends the head to each of a few poses in turn.
 
-    It is sent to the pose that it was last sent nearest to, or, once it has arrived there, to the next one.
-    Unlike `Gaze` it goes by nothing but what `proprio` tells: where the head is, and where it was sent. So a
-    policy can do the same from the first step on, wherever its own camera has been so far.
+    It is sent on to the pose that it was sent to, or, once it has arrived there, to the next one. Unlike
+    `Gaze` this goes by nothing but what `proprio` tells: where the head is, and where it was sent. What was
+    sent to no pose goes to the first one, so that there is no place between poses where a policy that does
+    it by half would be told to stay.
 
     Attributes:
         gaze: Camera actions that send the head to its next pose, and 1, shape (nworld, 3).
@@ -76,7 +80,7 @@ class Patrol(Sensor):
         wp.launch(
             _go_on,
             dim=self.gaze.shape[0],
-            inputs=[self._poses, self._actions, ARRIVED_RAD, self._qpos, self._action],
+            inputs=[self._poses, self._actions, ARRIVED_RAD, MEANT, self._qpos, self._action],
             outputs=[self.gaze],
             device=self.gaze.device,
         )

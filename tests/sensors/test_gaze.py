@@ -109,7 +109,7 @@ def test_a_thing_high_up_is_in_the_image(make_nav_env, mount):
 
 
 def test_rates_are_no_places_to_look(make_nav_env):
-    with pytest.raises(ValueError, match=r"task\.teach_gaze: needs camera_action=target"):
+    with pytest.raises(ValueError, match=r"task\.teach_gaze: needs task\.camera_action=target"):
         NavConfig(teach_gaze=True, camera_action="rate")
 
 

@@ -17,7 +17,6 @@ from spin_rl.ranges import Share, Weight
 from spin_rl.runners.interface import Camera
 from spin_rl.runners.policy_file import TrainedPolicy, read_policy
 from spin_rl.runners.ppo.algorithm import PPO
-from spin_rl.runners.ppo.fading import FadingPPO
 from spin_rl.runners.ppo.storage import Batch
 from spin_rl.runners.warm_start import camera_was_frozen
 
@@ -113,7 +112,7 @@ def action_error(actions: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
     return error.masked_fill(outside, 0.0)
 
 
-class ImitationPPO(FadingPPO):
+class ImitationPPO(PPO):
     """PPO on a reward for acting as a teacher does, with a supervised loss that fades out.
 
     The reward is `task_reward` times the task's, less `imitation_reward` times the distance between the
@@ -148,7 +147,8 @@ class ImitationPPO(FadingPPO):
             settings: As of PPO.
         """
         super().__init__(*args, **settings)
-        self.fading_loss, self.fading_part = imitation_loss, imitation_anneal
+        self.imitation_loss, self.imitation_anneal = imitation_loss, imitation_anneal
+        self.progress = 0.0
         self.teacher = teacher
         self.task_reward = task_reward
         self.imitation_reward = imitation_reward
@@ -159,6 +159,24 @@ class ImitationPPO(FadingPPO):
     def models(self) -> tuple[ScandotModel, ...]:
         """Actor, critic and teacher."""
         return (*super().models, self.teacher.model)
+
+    @property
+    def imitation_weight(self) -> float:
+        """Current weight of the supervised loss."""
+        return self.imitation_loss * max(0.0, 1.0 - self.progress / self.imitation_anneal)
+
+    def set_progress(self, progress: float) -> None:
+        """Take note of the part of the run that is over; it never falls, as when a run is resumed."""
+        super().set_progress(progress)
+        self.progress = max(self.progress, min(progress, 1.0))
+
+    def extra_state(self) -> dict[str, float]:
+        """Return how far the supervised loss has faded."""
+        return {"progress": self.progress}
+
+    def load_extra_state(self, state: dict[str, float]) -> None:
+        """Restore it."""
+        self.progress = state["progress"]
 
     @staticmethod
     def construct_algorithm(obs: TensorDict, env: VecEnv, cfg: dict, device: str) -> PPO:

@@ -102,8 +102,8 @@ class NavConfig(CorridorConfig):
             (`sensors.gaze`), which no robot can know.
         camera_frozen_after_s: Time in an episode from which on the head stays where it was sent by then
             [s]; None lets it move. `camera_pose` goes before both.
-        teach_gaze: Whether there is a group that says where to look, `gaze`, for a policy to imitate; with
-            camera actions that are targets.
+        teach_gaze: Whether the camera follows the gaze, as with the action "gaze", and a group `gaze` says
+            that for a policy to imitate; with camera actions that are targets.
         gaze_poses: Head poses (pan, tilt) that the gaze takes in turn [rad] (`sensors.patrol`); none of them
             and it looks for unknown things (`sensors.gaze`).
         stop_on_collision: Whether touching the scene ends the episode (paper, Training environments).
@@ -143,8 +143,8 @@ class NavConfig(CorridorConfig):
         """Reject impossible values with the key's name."""
         super().__post_init__()
         require_positive(self, "task", ("slowness",))
-        if self.teach_gaze and self.camera_action != "target":
-            raise ValueError(f"task.teach_gaze: needs camera_action=target, not {self.camera_action}")
+        if self.teach_gaze and self.camera_action == "rate":
+            raise ValueError("task.teach_gaze: needs task.camera_action=target, not rate")
         for pose in self.gaze_poses:
             check_head_pose("task.gaze_poses", pose)
         if len(set(self.gaze_poses)) < len(self.gaze_poses):

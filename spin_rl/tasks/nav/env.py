@@ -129,7 +129,7 @@ class NavEnv(CorridorEnv):
         self.observations = observations
         if self._gaze is not None and cfg.teach_gaze:
             observations.add(gaze=self._gaze.gaze)
-        elif self._gaze is not None and self._camera is not None:
+        if self._gaze is not None and self._camera is not None:
             self._camera.follow(wp.to_torch(self._gaze.gaze))
         self.statistics = NavStatistics(num_envs, tuple(self._reward_scales), device)
         self._make_views()
