@@ -248,7 +248,7 @@ def test_every_training_can_be_started(step):
     task = spec.configure(values)
     check_config(values["runner"], spec.groups, values["num_envs"])
     held = values["runner"]["actor"]["distribution_cfg"].get("num_used") == 8
-    assert held == (task.camera_pose is not None or (task.name == "nav" and task.teach_gaze))
+    assert held == (task.camera_pose is not None or (spec.name == "nav" and task.teach_gaze))
     assert task.sim.kinematic or spec.name == "pick"
 
 
