@@ -87,8 +87,9 @@ def test_camera_actions_that_the_environment_replaces_count_in_nothing_else():
         runner_of(GazeEnv(), num_used=None)
 
 
-def test_the_shipped_variant_is_whole():
-    values = compose("train", ["algo=gaze"])
+@pytest.mark.parametrize("algo", ["gaze", "wide"])
+def test_the_shipped_variants_are_whole(algo):
+    values = compose("train", [f"algo={algo}"])
     check_config(values["runner"], NAV.groups, values["num_envs"])
     assert NAV.configure(values).teach_gaze
     assert all("gaze" not in groups for groups in values["runner"]["obs_groups"].values())
