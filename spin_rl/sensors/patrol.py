@@ -13,7 +13,7 @@ from spin_rl.sensors.interface import Sensor
 ARRIVED_RAD = 0.12
 """A head that is so near to a pose, in pan and in tilt, has arrived [rad]."""
 MEANT = 0.25
-"""Actions that are so near to those of a pose, in both together, mean that pose."""
+"""Actions that are so near to those of a pose, in both together, mean that pose; of several, the nearest."""
 
 _PAN, _TILT = (wp.constant(robot.DOF_NAMES.index(joint)) for joint in robot.CAMERA_JOINTS)
 _PAN_ACTION, _TILT_ACTION = (wp.constant(robot.ACTIONS.index(joint)) for joint in robot.CAMERA_JOINTS)
@@ -36,8 +36,11 @@ def _go_on(
     world = wp.tid()
     sent = wp.vec2(action[world, _PAN_ACTION], action[world, _TILT_ACTION])
     now = int(0)
-    for i in range(1, poses.shape[0]):
-        if wp.length(actions[i] - sent) < meant:
+    nearest = meant
+    for i in range(poses.shape[0]):
+        away = wp.length(actions[i] - sent)
+        if away < nearest:
+            nearest = away
             now = i
     away_pan = wp.abs(qpos[world, _PAN] - poses[now][0])
     away_tilt = wp.abs(qpos[world, _TILT] - poses[now][1])

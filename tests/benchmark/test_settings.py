@@ -48,6 +48,14 @@ def test_guard_and_planner_are_a_policys_own_whatever_it_sees(cfg):
     assert alone["guard"]["enabled"] and not alone["planner"]["enabled"]
 
 
+def test_a_camera_that_followed_a_gaze_while_it_learned_is_on_its_own(cfg):
+    trained = {
+        "task": {"teach_gaze": True, "gaze_poses": [[0.0, -0.1], [0.0, -1.4]], "camera_action": "target"}
+    }
+    task = NAV.configure(settings.for_policy(cfg, trained, []))
+    assert not task.teach_gaze and task.gaze_poses == () and task.camera_action == "target"
+
+
 def test_how_far_a_goal_is_shown_is_the_policys_own(cfg):
     trained = {"task": {"goal_range_m": 4.0}}
     assert NAV.configure(settings.for_policy(cfg, trained, [])).goal_range_m == 4.0

@@ -13,12 +13,12 @@ POSES = ((0.0, -0.1), (-1.2, -1.3), (0.5, -0.7))
 PERIOD_STEPS = 40
 
 
-def head_positions(make_nav_env, **settings):
+def head_positions(make_nav_env, poses=POSES, **settings):
     """Head pan and tilt of every step, and what the gaze says, shape (steps, 2) and (steps, num_envs, 3)."""
     scene = Scene.empty(PoolSpec())
     scene.start_joints[:] = [robot.STOWED[joint] for joint in robot.JOINTS]
     scene.goal[:] = (4.0, 0.0)
-    env = make_nav_env(NavConfig(gaze_poses=POSES, **settings), num_envs=2, scene=scene)
+    env = make_nav_env(NavConfig(gaze_poses=poses, **settings), num_envs=2, scene=scene)
     head = [robot.DOF_NAMES.index(joint) for joint in robot.CAMERA_JOINTS]
     went, said = [], []
     for _ in range(PERIOD_STEPS):
@@ -47,6 +47,12 @@ def test_the_head_goes_to_all_poses_in_turn(make_nav_env):
     assert all(after == (before + 1) % 3 for before, after in pairwise(order))
     taught, said = head_positions(make_nav_env, teach_gaze=True)
     assert len(said) == PERIOD_STEPS and taught.equal(went)  # as while a policy learns it
+
+
+def test_poses_may_lie_close_to_each_other(make_nav_env):
+    poses = ((0.0, -0.1), (0.0, -0.35))
+    went, _ = head_positions(make_nav_env, poses, camera_action="gaze")
+    assert len(visits(went, poses)) >= 6
 
 
 @pytest.mark.parametrize(
