@@ -1,30 +1,44 @@
-"""Draw docs/figures/sight.png: what constant head poses miss, a heat map for each result of analysis=sight.
+"""Draw docs/figures/sight.png: what constant head poses miss, of the stored results of analysis=sight.
 
-Run from the repository root: ``python docs/figures/sight.py <result.json> ...``, results of ``spin-eval
-analysis=sight out=<result.json>`` named <places>_<mount>.json.
+Run from the repository root: ``python docs/figures/sight.py``.
 """
 
-import argparse
 import json
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 OUT = Path("docs/figures/sight.png")
+RESULTS = (
+    ("corridors", "sight/corridors"),
+    ("corridors", "sight/corridors_landscape"),
+    ("beam", "active_camera_sight/beam"),
+    ("shuttle", "active_camera_sight/shuttle"),
+    ("blind crossing", "active_camera_sight/crossing"),
+    ("", "active_camera_sight/fetch"),
+)
+GROUPS = {"whole fetch": "whole fetch", "driving": "its driving alone", "object": "its object alone"}
 COLUMNS = 4
 
 
+def panels() -> list[tuple[str, dict, dict]]:
+    """Return the heat maps: title, result, and the group of it."""
+    found = []
+    for places, name in RESULTS:
+        result = json.loads(Path(f"results/{name}.json").read_text())["result"]
+        camera = "wide camera" if result["camera_mount"] == "landscape" else "portrait"
+        found += [(f"{places or GROUPS[g['name']]}, {camera}", result, g) for g in result["groups"]]
+    return found
+
+
 def main() -> None:
-    """Draw all results side by side."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("results", type=Path, nargs="+")
-    files = parser.parse_args().results
-    rows = -(-len(files) // COLUMNS)
+    """Draw all heat maps side by side."""
+    drawn = panels()
+    rows = -(-len(drawn) // COLUMNS)
     figure = Figure(figsize=(12.0, 2.9 * rows), layout="constrained")
     grid = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
-    for axes, file in zip(grid, files, strict=False):
-        result = json.loads(file.read_text())
-        pans, tilts, group = result["sight"]["pans"], result["sight"]["tilts"], result["groups"][0]
+    for axes, (title, result, group) in zip(grid, drawn, strict=False):
+        pans, tilts = result["sight"]["pans"], result["sight"]["tilts"]
         shares = list(zip(*group["unseen"], strict=True))
         axes.imshow(shares, origin="lower", vmin=0.0, vmax=1.0, cmap="magma_r", aspect="auto")
         axes.set_xticks(range(len(pans)), [f"{pan:.1f}" for pan in pans], fontsize=7)
@@ -32,13 +46,10 @@ def main() -> None:
         held, _, around, _ = group["cameras"]
         pan, tilt = held["poses"][0]
         axes.plot(pans.index(pan), tilts.index(tilt), "o", mec="tab:green", mfc="none", ms=10, mew=2)
-        name = file.stem.rpartition("_")[0].replace("_", " ")
         axes.set_title(
-            f"{name}, {result['camera_mount']}\nbest constant {held['unseen']:.2f}, "
-            f"looks around {around['unseen']:.2f}",
-            fontsize=8,
+            f"{title}\nbest constant {held['unseen']:.2f}, looks around {around['unseen']:.2f}", fontsize=9
         )
-    for axes in grid[len(files) :]:
+    for axes in grid[len(drawn) :]:
         axes.axis("off")
     figure.supxlabel("pan [rad]: 0 ahead, -1.57 right, -3.14 behind", fontsize=9)
     figure.supylabel("tilt [rad]: -1.5 at the wheels", fontsize=9)

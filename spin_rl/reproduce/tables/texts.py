@@ -35,14 +35,14 @@ TEXTS: Mapping[str, Text] = MappingProxyType(
             "Table 1, pick and place: success in whole fetches",
             "Policies of the table above drive, and one shipped policy picks in all rows, with a camera "
             "that moves. So FixCam has the paper's row alone: fetches [with one "
-            "pose](active_camera.md#one-pose-for-a-whole-fetch) are another comparison, of policies that "
-            "were trained for it.",
+            "pose](active_camera_comparison.md#one-pose-for-a-whole-fetch) are another comparison, of "
+            "policies that were trained for it.",
         ),
         "fixcam": Text(
             "FixCam: success with the camera frozen in each of the paper's poses",
             "Every pose was trained in, beside a camera that moves: in portrait, as on the real robot, "
             "and IV also in landscape, as the paper's 87 by 58 degrees can be read. Pose IV [misses "
-            "something decisive](active_camera.md#what-was-found) in 23 % of the corridors in landscape "
+            "something decisive](sight_analysis.md#what-was-found) in 23 % of the corridors in landscape "
             "and in 8 % in portrait; in portrait the pose that the screening finds misses nothing, and "
             "does better than a camera that moves.",
         ),
