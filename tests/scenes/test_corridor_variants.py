@@ -16,7 +16,7 @@ NAMES = sorted(FILES - OTHERS)
 
 
 def test_these_are_the_variants():
-    assert NAMES == ["beam", "hidden", "long", "looking", "moving", "nav"] and OTHERS < FILES
+    assert NAMES == ["beam", "hidden", "long", "looking", "moving", "nav", "static_beam"] and OTHERS < FILES
     assert solvability.scene_params("nav") == PARAMS
 
 
@@ -42,6 +42,7 @@ def test_variants_differ_as_they_say():
         "looking": True,
         "moving": True,
         "nav": False,
+        "static_beam": False,
     }
     for still, moved in zip(scenes["nav"], scenes["moving"], strict=True):
         assert (still.pos == moved.pos).all() and (still.half_size == moved.half_size).all()
