@@ -1,27 +1,25 @@
-"""Draw docs/figures/looking.png: where trained cameras look, a row for each result of analysis=camera.
+"""Draw docs/figures/looking.png: where free cameras of the comparison look, a training of each kind of places.
 
-Run from the repository root: ``python docs/figures/looking.py <result.json> ...``, results that
-`spin-reproduce plan=active_camera` stored in results/active_camera_freeze, named <places>_free-<seed>.json.
+Run from the repository root: ``python docs/figures/looking.py``.
 """
 
-import argparse
 import json
 from pathlib import Path
 
 from spin_rl.analysis.camera.drawing import draw_looking
 
 OUT = Path("docs/figures/looking.png")
+RESULTS = Path("results/active_camera_freeze")
+PLACES = ("beam", "shuttle")
 
 
 def main() -> None:
     """Draw one row below the other."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("results", type=Path, nargs="+")
     rows = []
-    for file in parser.parse_args().results:
-        result = json.loads(file.read_text())["result"]
+    for places in PLACES:
+        result = json.loads((RESULTS / f"{places}_free-1.json").read_text())["result"]
         own = result["variants"][0]
-        rows.append((f"{file.stem.partition('_')[0]}, success {own['mean_success']:.2f}", own["looking"]))
+        rows.append((f"{places}, success {own['mean_success']:.2f}", own["looking"]))
     draw_looking(rows, OUT)
 
 
