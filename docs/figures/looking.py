@@ -1,4 +1,4 @@
-"""Draw docs/figures/looking.png: where free cameras of the comparison look, a training of each kind of places.
+"""Draw docs/figures/looking.png: where the free cameras look, a training of each kind of places.
 
 Run from the repository root: ``python docs/figures/looking.py``.
 """
