@@ -415,6 +415,7 @@ def test_claims_of_visibility_and_of_the_fixed_camera(steps):
         "moving over the best of the paper's poses here (fixcam_I) on hard": 0.40,
         "moving over the pose of the screening on hard": 0.0,
         "moving over FixCam IV on hard, landscape": 0.40,
+        "moving over the pose of the screening on hard, landscape": 0.0,
     }
 
 

@@ -33,10 +33,12 @@ _MAPS = {"exact": "none", "with small errors": "small", "with large errors": "la
 POSES = ("I", "II", "III", "IV")
 _BEST = "held at 0, -0.7"
 _MOVING, _MOVING_WIDE, _HELD_WIDE = "camera moves (CVO)", "camera moves, landscape", "FixCam IV, landscape"
+_BEST_WIDE = "held at 0, -0.55, landscape"
 _CAMERAS = {f"FixCam {pose}": f"fixcam_{pose}" for pose in POSES} | {
     _BEST: "held_best",
     _MOVING: "cvo",
     _HELD_WIDE: "landscape_fixcam_IV",
+    _BEST_WIDE: "landscape_held_best",
     _MOVING_WIDE: "landscape_cvo",
 }
 """Row of the table of fixed cameras -> name of its trainings."""
@@ -162,8 +164,12 @@ def _claims_of_fixcam(methods: Mapping[str, Measured]) -> tuple[Claim, ...]:
             found.append(_on_hard(text, moving, best, gap, 0.30))
         if held := methods.get(_BEST):
             found.append(_on_hard("moving over the pose of the screening on hard", moving, held, None, 0.30))
-    if (free := methods.get(_MOVING_WIDE)) and (held := methods.get(_HELD_WIDE)):
-        found.append(_on_hard("moving over FixCam IV on hard, landscape", free, held, gap, 0.30))
+    if free := methods.get(_MOVING_WIDE):
+        if held := methods.get(_HELD_WIDE):
+            found.append(_on_hard("moving over FixCam IV on hard, landscape", free, held, gap, 0.30))
+        if held := methods.get(_BEST_WIDE):
+            text = "moving over the pose of the screening on hard, landscape"
+            found.append(_on_hard(text, free, held, None, 0.30))
     return tuple(found)
 
 
