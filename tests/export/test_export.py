@@ -23,7 +23,7 @@ from spin_rl.paths import POLICY_DIR
 from spin_rl.runners.policy_file import read_policy
 
 SHIPPED = sorted(file.stem for file in POLICY_DIR.glob("*.safetensors"))
-TEACHERS = ("nav-cvo", "nav-dvo", "nav-room")
+TEACHERS = ("nav-cvo", "nav-dvo", "nav-room", "nav-wide")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
