@@ -249,10 +249,10 @@ def _worth(group: str, held: Sequence[Margin]) -> str:
     """Whether the free camera is worth its motors in a kind of places: by its strongest opponent."""
     least = min(held, key=lambda margin: margin.ours)
     is_worth = all(margin.verdict == MET for margin in held)
+    reach = max((margin.reach for margin in held), key=len) if is_worth else ""
     return (
-        f"{group}: the free camera is {'' if is_worth else 'not '}worth its motors by the "
-        f"criterion{least.reach}; the smallest difference to a constant pose, given or chosen: {least.text}, "
-        f"{least.measured()}"
+        f"{group}: the free camera is {'' if is_worth else 'not '}worth its motors by the criterion{reach}; "
+        f"the smallest difference to a constant pose, given or chosen: {least.text}, {least.measured()}"
     )
 
 
