@@ -10,7 +10,7 @@ from spin_rl.analysis.camera.drawing import draw_looking
 
 OUT = Path("docs/figures/looking.png")
 RESULTS = Path("results/active_camera_freeze")
-PLACES = ("beam", "shuttle", "crossing")
+PLACES = ("static", "beam", "shuttle", "crossing")
 
 
 def main() -> None:

@@ -12,13 +12,14 @@ OUT = Path("docs/figures/sight.png")
 RESULTS = (
     ("corridors", "sight/corridors"),
     ("corridors", "sight/corridors_landscape"),
+    ("static beam", "active_camera_sight/static"),
     ("beam", "active_camera_sight/beam"),
     ("shuttle", "active_camera_sight/shuttle"),
     ("blind crossing", "active_camera_sight/crossing"),
     ("", "active_camera_sight/fetch"),
 )
 GROUPS = {"whole fetch": "whole fetch", "driving": "its driving alone", "object": "its object alone"}
-COLUMNS = 4
+COLUMNS = 5
 
 
 def panels() -> list[tuple[str, dict, dict]]:
@@ -35,7 +36,7 @@ def main() -> None:
     """Draw all heat maps side by side."""
     drawn = panels()
     rows = -(-len(drawn) // COLUMNS)
-    figure = Figure(figsize=(12.0, 2.9 * rows), layout="constrained")
+    figure = Figure(figsize=(14.0, 2.9 * rows), layout="constrained")
     grid = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
     for axes, (title, result, group) in zip(grid, drawn, strict=False):
         pans, tilts = result["sight"]["pans"], result["sight"]["tilts"]
