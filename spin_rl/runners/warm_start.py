@@ -55,7 +55,7 @@ def warm_start(
     try:
         notes = copy_model(algorithm.actor, source.build(), unlearned, camera.actions)
     except ValueError as error:
-        raise ValueError(f"init: {source.name} cannot start the actor: {error}") from None
+        raise ValueError(f"init: {source.name} cannot start the actor: {error}{_origin(source)}") from None
     line = f"Initialized from {source.name} (iteration {source.metadata['iteration']}); actor: {notes}"
     if not critic:
         return f"{line}; critic: new, its reward is another"
@@ -79,6 +79,14 @@ def _pose_of(policy: TrainedPolicy) -> Sequence[float] | None:
 def _task_of(policy: TrainedPolicy) -> Mapping[str, Any]:
     task = policy.config.get("task")
     return task if isinstance(task, Mapping) else {}
+
+
+def _origin(policy: TrainedPolicy) -> str:
+    """The configuration in which a policy's networks are most likely to fit."""
+    algo = policy.config.get("algo")
+    return (
+        f"; it was trained with algo={algo['name']}" if isinstance(algo, Mapping) and "name" in algo else ""
+    )
 
 
 def _unlearned(camera: Camera, source: TrainedPolicy, pose: Sequence[float] | None) -> Camera:

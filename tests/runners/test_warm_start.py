@@ -409,3 +409,8 @@ def test_an_actor_that_does_not_fit_is_an_error(source):
     cfg["actor"] = cfg["actor"] | {"rnn_hidden_dim": 17}
     with pytest.raises(ValueError, match=r"^init: .* cannot start the actor: its rnn_hidden_dim"):
         warm_start(PPORunner(FakeEnv(), cfg).alg, read_policy(source[1]), Camera())
+
+
+def test_the_error_names_what_a_shipped_policy_was_trained_with():
+    with pytest.raises(ValueError, match=r"cannot start the actor: .*; it was trained with algo=rooms$"):
+        warm_start(PPORunner(FakeEnv(), make_config()).alg, read_policy("nav-room"), Camera())
