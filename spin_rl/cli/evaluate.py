@@ -145,13 +145,16 @@ def _analyse_camera(options: Options, source: policies.PolicySource, task: Any) 
         conditions = analysis.places(task)
     else:
         conditions = analysis.corridors(reach.REACH_CELLS if cells is None else variants.parse_cells(cells))
+    further = variants.held_variants(options.camera_analysis.tilts, options.camera_analysis.blind)
+    if options.camera_analysis.sampled:
+        further.append(variants.sampled_variant())
     result = analysis.analyse_camera(
         source.make,
         task,
         options.episodes,
         options.seeds,
         options.device,
-        held=variants.held_variants(options.camera_analysis.tilts, options.camera_analysis.blind),
+        further=further,
         conditions=conditions,
         policy_name=options.policy,
         num_envs=options.num_envs,

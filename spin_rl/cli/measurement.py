@@ -50,11 +50,13 @@ class CameraOptions:
         tilts: At pan 0 [rad].
         blind: Pan and tilt of the control [rad], or None.
         cells: Names such as `1-hard`, or None for all.
+        sampled: Whether it also moves as in training.
     """
 
     tilts: tuple[Angle, ...]
     blind: tuple[Angle, Angle] | None
     cells: tuple[str, ...] | None
+    sampled: bool
 
 
 @dataclass(frozen=True)

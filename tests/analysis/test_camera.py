@@ -242,7 +242,7 @@ def test_zero_policy_with_held_cameras(device, tmp_path):
         episodes=1,
         seeds=[0],
         device=device,
-        held=[Variant("level", "fixed", (0.0, 0.0))],
+        further=[Variant("level", "fixed", (0.0, 0.0))],
         policy_name="zero",
         report=lines.append,
     )
@@ -280,7 +280,7 @@ def test_places_are_paired_like_corridors(device):
         episodes=2,
         seeds=[0],
         device=device,
-        held=[],
+        further=[],
         conditions=camera.places(cfg),
         report=lambda line: None,
     )
@@ -311,7 +311,7 @@ def test_no_mean_pose_without_a_long_enough_episode():
 )
 def test_impossible_settings_name_the_key(episodes, seeds, num_envs, held, key):
     with pytest.raises(ConfigError, match=f"^{key}"):
-        camera.analyse_camera(None, NavConfig(), episodes, seeds, "cpu", held=held, num_envs=num_envs)
+        camera.analyse_camera(None, NavConfig(), episodes, seeds, "cpu", further=held, num_envs=num_envs)
 
 
 def test_cells_by_name():

@@ -159,12 +159,24 @@ def test_other_ways_to_learn_are_compared_with_learning_alone(steps):
     store_places(steps, RATES | {"floor": 30, "ahead": 30}, "beam")
     rates = {"learn_alone": 50, "learn_unpaid": 70, "learn_greedy": 60, "learn_scratch": 30}
     for step in steps.by_name.values():
+        if isinstance(step, Evaluation) and step.name.startswith("active_camera_freeze/learn_"):
+            result = frozen(0.5)
+            won = {"mean_success": 0.8, "difference": {"mean": 0.4, "ci95": [0.3, 0.5]}}
+            result["variants"].append(result["variants"][1] | won | {"kind": "sampled"})
+            store(steps, step.name, result)
         if isinstance(step, Evaluation) and step.name.startswith("active_camera/learn_"):
             name = step.name.partition("/")[2].rpartition("-")[0]
             store(steps, step.name, places(np.arange(EPISODES) < rates.get(name, 40)))
-    rows = {row[1]: row for row in active_camera.active_camera(Stored(steps, "active_camera")).rows}
+    made = active_camera.active_camera(Stored(steps, "active_camera"))
+    rows = {row[1]: row for row in made.rows}
+    records = {record["camera"]: record for record in made.records}
+    assert records["alone, its actions drawn as in training"]["difference"] == pytest.approx(-0.4)
     assert rows["alone"][6].startswith("+0.30 (") and rows["unpaid"][6].startswith("-0.20 (")
     assert rows["greedy"][6].startswith("+0.20 (") and rows["scratch"][6].startswith("+0.50 (")
+    drawn = rows["alone, its actions drawn as in training"]
+    assert drawn[2:7] == ("0.80", "0.80", "0.50", "0.10", "-0.40 (-0.50 to -0.30)")
+    assert rows["alone, frozen at its mean"][2] == "0.50" and "greedy, frozen at its mean" not in rows
+    assert not any("learn: the free camera" in note for note in made.notes)
 
 
 def test_fetches_stand_below_once_they_are_measured(steps):

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from spin_rl.analysis.camera.variants import Variant, check_pose
+from spin_rl.analysis.camera.sampled import SampledCamera, check_draws
+from spin_rl.analysis.camera.variants import SAMPLED, Variant, check_pose
 from spin_rl.analysis.camera.watch import Motion, WatchedPolicy
 from spin_rl.analysis.hits import Hit, summarize_hits
 from spin_rl.analysis.watch import SETTLING_S
@@ -84,14 +85,14 @@ def analyse_camera(
     seeds: Sequence[int],
     device: str,
     *,
-    held: Sequence[Variant],
+    further: Sequence[Variant],
     conditions: Conditions | None = None,
     policy_name: str = "policy",
     num_envs: int | None = None,
     announce: Callable[[str], contextlib.AbstractContextManager[Any]] | None = None,
     report: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Run a policy with its own camera, with the camera held at its own mean pose, and at given poses.
+    """Run a policy with its own camera, with the camera held at its own mean pose, and in further ways.
 
     Places, start poses and goals are the same for all variants, and so are the camera's start pose and the
     pose that it is held at. All episodes of a seed run at once, since only first episodes can be paired.
@@ -102,7 +103,7 @@ def analyse_camera(
         episodes: Episodes per condition and seed.
         seeds: Seeds of places, start poses and goals, all different.
         device: "cpu" or "cuda:N".
-        held: Further variants, all with a pose.
+        further: Variants beside these two.
         conditions: Of the benchmark; None takes all corridors.
         policy_name: For the result.
         num_envs: Most worlds at once; must hold all episodes of a seed.
@@ -115,16 +116,17 @@ def analyse_camera(
         measurement.
 
     Raises:
-        ConfigError: No episodes, no seeds, the same seed twice, too few worlds, or a pose beyond the limits.
+        ConfigError: No episodes, no seeds, the same seed twice, too few worlds, a pose beyond the limits, or
+            a policy without a distribution whose camera's actions should be drawn.
         ValueError: No episode was long enough to tell the camera's mean pose.
     """
     check_counts(episodes, seeds, num_envs)
     conditions = conditions or corridors()
     nworld = one_batch(len(conditions.rows) * episodes, num_envs)
-    for variant in held:
+    for variant in further:
         check_pose(variant)
     start = time.monotonic()
-    total = 2 + len(held)
+    total = 2 + len(further)
     # One for all variants: a training that goes on may replace the file meanwhile.
     policy: Policy | None = None
 
@@ -140,11 +142,14 @@ def analyse_camera(
             env = NavEnv(task, nworld, device)
         if policy is None:
             policy = make_policy(env.get_observations(), device)
-        return run_variant(policy, env, variant, conditions, episodes, seeds, report)
+            if any(other.kind == SAMPLED for other in further):
+                check_draws(policy)
+        acting = SampledCamera(policy, env.camera_actions) if variant.kind == SAMPLED else policy
+        return run_variant(acting, env, variant, conditions, episodes, seeds, report)
 
     own = measure(1, Variant("own camera", "own"))
     measured = [own]
-    for number, variant in enumerate([frozen_at_mean(own), *held], start=2):
+    for number, variant in enumerate([frozen_at_mean(own), *further], start=2):
         measured.append(measure(number, variant))
     return {
         "policy": policy_name,

@@ -14,6 +14,9 @@ from spin_rl.config import ConfigError
 from spin_rl.paths import CONF_DIR
 from spin_rl.scenes.kinds import DIFFICULTIES, SCENARIOS
 
+SAMPLED = "sampled"
+"""Kind of variant whose camera's actions are drawn."""
+
 
 @dataclass(frozen=True)
 class Variant:
@@ -21,7 +24,8 @@ class Variant:
 
     Attributes:
         name: For tables.
-        kind: `own`, `frozen` (at the own mean pose), `fixed` (given) or `blind` (the control).
+        kind: `own`, `sampled` (its actions drawn as in training), `frozen` (at the own mean pose), `fixed`
+            (given) or `blind` (the control).
         pose: Pan and tilt [rad] at which the camera is held; None leaves it as the policy was configured.
     """
 
@@ -50,6 +54,11 @@ def held_variants(tilts: Sequence[float], blind: Sequence[float] | None) -> list
     if blind is not None:
         result.append(Variant("blind control", "blind", (float(blind[0]), float(blind[1]))))
     return result
+
+
+def sampled_variant() -> Variant:
+    """The camera as in training: what exploration alone shows."""
+    return Variant("own camera, its actions drawn", SAMPLED)
 
 
 def fixcam_poses() -> dict[tuple[float, float], str]:
@@ -83,7 +92,8 @@ def check_pose(variant: Variant) -> None:
     Raises:
         ConfigError: An angle is beyond its joint's limits.
     """
-    assert variant.pose is not None
+    if variant.pose is None:
+        return
     for joint, value in zip(robot.CAMERA_JOINTS, variant.pose, strict=True):
         index = robot.JOINTS.index(joint)
         low, high = robot.JOINT_LOWER[index], robot.JOINT_UPPER[index]

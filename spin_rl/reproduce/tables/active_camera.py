@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from spin_rl.reproduce.state import read_result
+from spin_rl.reproduce.tables.camera_variants import motion_lines, variant_records, variant_rows
 from spin_rl.reproduce.tables.notes import INTERVALS, budget_note
 from spin_rl.reproduce.tables.rates import Rate, difference, spread
 from spin_rl.reproduce.tables.stored import Measured, Stored, refuse_other_scenes
 from spin_rl.reproduce.tables.table import Claim, Table
 
 KIND, FREEZE, SIGHT = "active_camera", "active_camera_freeze", "active_camera_sight"
-"""Kinds of results: of trainings, of the freeze test, of the screening."""
+"""Kinds of results: of trainings, of their camera analysis, of the screening."""
 FETCH = "active_camera_fetch"
 """Kind of results of whole fetches, by policies whose camera is free and by others that have one pose."""
 LEARN, LEARN_IN = "learn", "beam"
@@ -80,10 +81,12 @@ def active_camera(stored: Stored) -> Table:
         if group != LEARN:
             margins += own.values()
             notes.append(_worth(group, [own[name] for name in own if _is_held(methods[name])]))
-            frozen = Measured(name=FREEZE, results=stored.of_trainings(FREEZE, free.name).results)
-            rows.append(_frozen_row(group, frozen))
-            records.append(_frozen_record(group, frozen))
-            notes += [_bound(group, stored.result(f"{SIGHT}/{group}")), *_motion(frozen)]
+            notes.append(_bound(group, stored.result(f"{SIGHT}/{group}")))
+        for name in _analysed(stored, names):
+            analysed = stored.of_trainings(FREEZE, name)
+            rows += variant_rows(group, _short(name), analysed)
+            records += variant_records(group, _short(name), analysed)
+            notes += motion_lines(analysed)
     if (fetches := _fetches(stored)) is not None:
         over = {name: _over_in_fetches(fetches, name) for name in fetches if name != FREE}
         rows += [_fetch_row(fetches, name, over.get(name)) for name in fetches]
@@ -102,7 +105,8 @@ def active_camera(stored: Stored) -> Table:
             *notes,
             budget_note(every, "trained"),
             f"difference: free less this, in the same scenes; {ALONE} less this for other ways to learn that "
-            f"have no gaze to imitate; intervals: 95 %, {INTERVALS}",
+            "have no gaze to imitate; of a camera that is frozen or drawn, the policy's own less this; "
+            f"intervals: 95 %, {INTERVALS}",
         ),
     )
 
@@ -134,10 +138,16 @@ def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> N
     for group, names in groups.items():
         for name in names:
             stored.measured(KIND, name)
+        for name in _analysed(stored, names):
+            stored.measured(FREEZE, name)
         if group != LEARN:
-            stored.measured(FREEZE, f"{group}_free")
             stored.find(f"{SIGHT}/{group}")
     stored.refuse_missing()
+
+
+def _analysed(stored: Stored, names: Sequence[str]) -> list[str]:
+    """Of some trainings those of which the plan has a camera analysis."""
+    return [name for name in names if f"{FREEZE}/{name}-1" in stored.steps.by_name]
 
 
 def _fetches_are_begun(stored: Stored) -> bool:
@@ -258,7 +268,7 @@ def _worth(group: str, held: Sequence[Margin]) -> str:
 
 def _camera(name: str, method: Measured) -> str:
     """A training's own name, and where its camera is held or when it chooses that."""
-    label = name.partition("_")[2].replace("_", " ")
+    label = _short(name)
     given = dict(argument.split("=", 1) for argument in method.trainings[0]["arguments"])
     if pose := given.get("task.camera_pose"):
         return f"{label} {pose}"
@@ -266,44 +276,9 @@ def _camera(name: str, method: Measured) -> str:
     return label if time_s is None else f"{label}, frozen after {time_s} s"
 
 
-def _frozen_row(group: str, frozen: Measured) -> tuple[str, ...]:
-    """The freeze test: the free policies with the camera held at its own mean pose."""
-    found = _frozen_variants(frozen)
-    rates = [variant["mean_success"] for variant in found]
-    lost = [variant["difference"] for variant in found]
-    intervals = [f"{-d['mean']:+.2f} ({-d['ci95'][1]:+.2f} to {-d['ci95'][0]:+.2f})" for d in lost]
-
-    def mean(key: str) -> str:
-        values = [row[key] for variant in found for row in variant["rows"]]
-        return f"{sum(values) / len(values):.2f}"
-
-    return (
-        group,
-        "free, frozen at its mean",
-        f"{sum(rates) / len(rates):.2f}",
-        " ".join(f"{rate:.2f}" for rate in rates),
-        mean("collision_rate"),
-        mean("timeout_rate"),
-        "; ".join(intervals),
-        frozen.steps,
-    )
-
-
-def _frozen_variants(frozen: Measured) -> list[Mapping[str, Any]]:
-    variants = [result["result"]["variants"] for result in frozen.results]
-    return [next(v for v in of if v["kind"] == "frozen") for of in variants]
-
-
-def _frozen_record(group: str, frozen: Measured) -> dict[str, Any]:
-    found = _frozen_variants(frozen)
-    return {
-        "places": group,
-        "camera": "free, frozen at its mean",
-        "success_rate": sum(variant["mean_success"] for variant in found) / len(found),
-        "each_training": " ".join(f"{variant['mean_success']:.4f}" for variant in found),
-        "difference": -sum(variant["difference"]["mean"] for variant in found) / len(found),
-        "trainings": frozen.steps,
-    }
+def _short(name: str) -> str:
+    """A training's name without its places."""
+    return name.partition("_")[2].replace("_", " ")
 
 
 def _bound(group: str, sight: Mapping[str, Any]) -> str:
@@ -316,17 +291,3 @@ def _bound(group: str, sight: Mapping[str, Any]) -> str:
         f"({pan:.2f}, {tilt:.2f}) misses something decisive, one that goes to and fro between two in "
         f"{swings['unseen']:.2f}, one that knows where to look in {around['unseen']:.2f}"
     )
-
-
-def _motion(frozen: Measured) -> Sequence[str]:
-    """How the free cameras move."""
-    lines = []
-    for result, training in zip(frozen.results, frozen.trainings, strict=True):
-        camera = result["result"]["variants"][0]["camera"]
-        parts = [
-            f"{joint} {motion['p5']:+.2f} to {motion['p95']:+.2f} rad, std within an episode "
-            f"{motion['std_within']:.2f}"
-            for joint, motion in camera.items()
-        ]
-        lines.append(f"camera of {training['name']} (5-95 %): {'; '.join(parts)}")
-    return lines
