@@ -1,3 +1,4 @@
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -8,6 +9,7 @@ from spin_rl.analysis.camera import analysis
 from spin_rl.analysis.camera.sampled import SampledCamera
 from spin_rl.analysis.camera.variants import sampled_variant
 from spin_rl.benchmark import policies
+from spin_rl.cli import evaluate
 from spin_rl.config import ConfigError
 from spin_rl.policy import find_policy
 from spin_rl.runners.policy_file import read_policy
@@ -30,7 +32,7 @@ def trained():
 def test_the_camera_alone_is_drawn_with_the_deviation_of_training(trained):
     build, obs = trained
     policy = build()
-    plain, drawn = policy(obs), None
+    plain = policy(obs)
     policy.reset()
     sampled = SampledCamera(policy, CAMERA)
     drawn = sampled(obs)
@@ -59,6 +61,34 @@ def test_what_is_drawn_follows_from_the_seed_and_differs_from_step_to_step(train
     assert not torch.allclose(first[:, CAMERA], other[:, CAMERA])
 
 
+def test_the_memory_of_those_that_are_done_is_cleared_and_of_no_others():
+    cleared = []
+    policy = SimpleNamespace(distribution=object(), reset=cleared.append)
+    done = torch.tensor([True, False])
+    SampledCamera(policy, CAMERA).reset(done)
+    assert cleared[0] is done
+
+
+def test_a_camera_that_is_held_is_not_drawn():
+    held = NavConfig(camera_pose=(0.0, -0.6))
+    with pytest.raises(ConfigError, match=r"^camera_analysis\.sampled: task\.camera_pose holds the camera"):
+        analysis.analyse_camera(None, held, 1, [0], "cpu", further=[sampled_variant()])
+
+
+def test_the_command_line_asks_for_it(monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    given = [
+        "policy=nav-cvo",
+        "analysis=camera",
+        "camera_analysis.sampled=true",
+        "task.camera_pose=[0.0,-0.6]",
+    ]
+    monkeypatch.setattr(sys, "argv", ["spin-eval", *given])
+    with pytest.raises(SystemExit):
+        evaluate.main()
+    assert "camera_analysis.sampled: task.camera_pose holds" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("policy", [SimpleNamespace(), SimpleNamespace(distribution=None)])
 def test_what_has_no_distribution_cannot_be_drawn(policy):
     with pytest.raises(ConfigError, match=r"^camera_analysis\.sampled: this policy draws no actions"):
@@ -81,6 +111,7 @@ def test_it_is_a_variant_of_the_camera_analysis(device):
     lines = []
     own, _, sampled = run("nav-cvo")["variants"]
     assert (sampled["kind"], sampled["camera_pose"]) == ("sampled", None)
+    assert "looking" in own and "looking" not in sampled
     assert sampled["camera"]["tilt"]["rate"] > 2.0 * own["camera"]["tilt"]["rate"]
     lines.clear()
     with pytest.raises(ConfigError, match=r"^camera_analysis\.sampled"):

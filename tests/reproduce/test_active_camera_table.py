@@ -10,7 +10,7 @@ from spin_rl.cli import common, train
 from spin_rl.config import ConfigError
 from spin_rl.reproduce import state
 from spin_rl.reproduce.plan import Evaluation, Training, read_steps
-from spin_rl.reproduce.tables import active_camera, table
+from spin_rl.reproduce.tables import active_camera, camera_variants, table
 from spin_rl.reproduce.tables.registry import PLANS
 from spin_rl.reproduce.tables.stored import Stored
 from spin_rl.runners.config import check_config
@@ -177,6 +177,19 @@ def test_other_ways_to_learn_are_compared_with_learning_alone(steps):
     assert drawn[2:7] == ("0.80", "0.80", "0.50", "0.10", "-0.40 (-0.50 to -0.30)")
     assert rows["alone, frozen at its mean"][2] == "0.50" and "greedy, frozen at its mean" not in rows
     assert not any("learn: the free camera" in note for note in made.notes)
+
+
+def test_a_variant_stands_where_every_training_has_it():
+    drawn = frozen(0.6)
+    drawn["variants"].append(drawn["variants"][1] | {"kind": "sampled"})
+    facts = {"trainings": [{"name": "a-1"}]}
+
+    def labels(*results):
+        measured = active_camera.Measured("a", tuple(facts | {"result": result} for result in results))
+        return [row[1] for row in camera_variants.variant_rows("beam", "a", measured)]
+
+    assert labels(drawn, frozen(0.5)) == ["a, frozen at its mean"]
+    assert labels(drawn, drawn) == ["a, frozen at its mean", "a, its actions drawn as in training"]
 
 
 def test_fetches_stand_below_once_they_are_measured(steps):

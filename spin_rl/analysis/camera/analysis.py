@@ -17,6 +17,7 @@ from spin_rl.benchmark.metrics import Episodes, ReachEpisodes, paired_difference
 from spin_rl.benchmark.reach import REACH_CELLS, Cell, run_cells
 from spin_rl.benchmark.rooms import families_of, run_families
 from spin_rl.benchmark.rounds import SEED_OFFSET, Report, check_counts, one_batch
+from spin_rl.config import ConfigError
 from spin_rl.policy import Policy, PolicyFactory
 from spin_rl.tasks.nav.config import NavConfig
 from spin_rl.tasks.nav.env import NavEnv
@@ -117,7 +118,8 @@ def analyse_camera(
 
     Raises:
         ConfigError: No episodes, no seeds, the same seed twice, too few worlds, a pose beyond the limits, or
-            a policy without a distribution whose camera's actions should be drawn.
+            actions of the camera that should be drawn of a policy without a distribution, or are of no
+            effect.
         ValueError: No episode was long enough to tell the camera's mean pose.
     """
     check_counts(episodes, seeds, num_envs)
@@ -125,6 +127,9 @@ def analyse_camera(
     nworld = one_batch(len(conditions.rows) * episodes, num_envs)
     for variant in further:
         check_pose(variant)
+    is_sampled = any(variant.kind == SAMPLED for variant in further)
+    if is_sampled and cfg.camera_pose is not None:
+        raise ConfigError("camera_analysis.sampled: task.camera_pose holds the camera, drawn or not")
     start = time.monotonic()
     total = 2 + len(further)
     # One for all variants: a training that goes on may replace the file meanwhile.
@@ -142,7 +147,7 @@ def analyse_camera(
             env = NavEnv(task, nworld, device)
         if policy is None:
             policy = make_policy(env.get_observations(), device)
-            if any(other.kind == SAMPLED for other in further):
+            if is_sampled:
                 check_draws(policy)
         acting = SampledCamera(policy, env.camera_actions) if variant.kind == SAMPLED else policy
         return run_variant(acting, env, variant, conditions, episodes, seeds, report)
@@ -231,7 +236,7 @@ def describe(
     ]
     pose, motion = result.variant.pose, result.motion
     looking = {}
-    if motion is not None and pose is None:
+    if motion is not None and result.variant.kind == "own":
         looking = {"looking": {"share": motion.share, "examples": motion.examples}}
     return {
         "name": result.variant.name,

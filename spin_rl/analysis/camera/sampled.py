@@ -47,7 +47,7 @@ class SampledCamera:
 
     def __call__(self, obs: TensorDict) -> torch.Tensor:
         """Return actions, shape (num_envs, num_actions)."""
-        self._policy(obs, stochastic_output=True)
+        self._policy(obs, stochastic_output=True)  # for its distribution; what it draws itself has no seed
         mean, std = self._policy.distribution.mean, self._policy.distribution.std
         if self._generator is None:
             self._generator = torch.Generator(mean.device).manual_seed(self._seed)

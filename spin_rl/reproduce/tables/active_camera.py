@@ -141,6 +141,7 @@ def _refuse_unfinished(stored: Stored, groups: Mapping[str, Sequence[str]]) -> N
         for name in _analysed(stored, names):
             stored.measured(FREEZE, name)
         if group != LEARN:
+            stored.measured(FREEZE, f"{group}_free")
             stored.find(f"{SIGHT}/{group}")
     stored.refuse_missing()
 
