@@ -84,9 +84,8 @@ def _task_of(policy: TrainedPolicy) -> Mapping[str, Any]:
 def _origin(policy: TrainedPolicy) -> str:
     """The configuration in which a policy's networks are most likely to fit."""
     algo = policy.config.get("algo")
-    return (
-        f"; it was trained with algo={algo['name']}" if isinstance(algo, Mapping) and "name" in algo else ""
-    )
+    name = algo.get("name") if isinstance(algo, Mapping) else None
+    return f"; it was trained with algo={name}" if name else ""
 
 
 def _unlearned(camera: Camera, source: TrainedPolicy, pose: Sequence[float] | None) -> Camera:
