@@ -70,9 +70,9 @@ TEXTS: Mapping[str, Text] = MappingProxyType(
         "active_camera": Text(
             "A camera that moves against constant poses that were trained in",
             "Not of the paper: [places in which one pose does not show enough](active_camera.md). A "
-            "camera that moves is worth its motors there if it beats every constant pose by 15 points, but those were "
-            "trained [with other PPO settings](active_camera_comparison.md#the-comparison), which costs some of "
-            "them up to 18.",
+            "camera that moves is worth its motors there if it beats every constant pose by 15 points, but "
+            "those were trained [with other PPO settings](active_camera_comparison.md#the-comparison), which costs "
+            "some of them up to 18.",
         ),
     }
 )
