@@ -71,8 +71,8 @@ TEXTS: Mapping[str, Text] = MappingProxyType(
             "A camera that moves against constant poses that were trained in",
             "Not of the paper: [places in which one pose does not show enough](active_camera.md). A "
             "camera that moves is worth its motors there if it beats every constant pose by 15 points, but "
-            "those were trained [with other PPO settings](active_camera_comparison.md#the-comparison), which costs "
-            "some of them up to 18.",
+            "those were trained [with other PPO settings](active_camera_comparison.md#the-comparison), "
+            "which costs some of them up to 18.",
         ),
     }
 )
